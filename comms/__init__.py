@@ -1,0 +1,1 @@
+"""The radio: frames, map codec, link emulation, Zenoh."""

@@ -1,0 +1,1 @@
+"""The study: scenario files, the runner, the command line, records and reports."""

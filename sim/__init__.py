@@ -1,0 +1,1 @@
+"""The world: terrain, cameras, bodies, faults and the virtual clock."""
