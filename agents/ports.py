@@ -1,0 +1,95 @@
+"""What a robot needs of its body: hardware implements these, or `sim` does.
+
+A robot knows nothing of the world but what comes through these protocols and its radio. All
+calls that take time are awaited on the running event loop, whose clock is the robot's clock.
+"""
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from agents.geometry import Floats
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """A team-mate (or the landmark) found in a look, by the fiducials that it carries."""
+
+    name: str
+    offset_m: tuple[float, float, float]
+    """Where it stands, in the levelled robot frame (x forward, y left, z up)."""
+    bearing_rad: float
+    """Its yaw less the observer's."""
+    covariance: Floats
+    """(4, 4) of (x, y, z, yaw) in the levelled robot frame, metres and radians."""
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """What one look at one heading gave."""
+
+    t_s: float
+    pan_rad: float
+    tilt_rad: float
+    points_m: Floats
+    """(N, 3) measured points in the levelled robot frame: x forward, y left, z up, origin at the
+    ground contact below the mast, z along gravity."""
+    sigma_m: Floats
+    """(N,) standard deviation along the ray (Sujan & Meggiolaro, Eq. 4)."""
+    sightings: tuple[Sighting, ...] = ()
+
+
+@dataclass(frozen=True)
+class Odometry:
+    """What the robot's own sensors say that a drive did, in the frame of the pose before it."""
+
+    forward_m: float
+    left_m: float
+    up_m: float
+    turn_rad: float
+    covariance: Floats
+    """(4, 4) of (forward, left, up, turn): the error that the robot's makers state."""
+    halted: str = ""
+    """Why the drive ended early ("tether taut", "tipped"), or empty."""
+
+
+class Camera(Protocol):
+    """A ranging camera on a pan/tilt arm; the arm keeps it level with gravity."""
+
+    async def look(self, pan_rad: float, tilt_rad: float) -> Exposure:
+        """Point the arm (pan counter-clockwise from ahead, tilt positive up) and expose once."""
+        ...
+
+
+class Body(Protocol):
+    """Wheels and wheel encoders (with whatever else measures motion)."""
+
+    async def drive(self, turn_rad: float, forward_m: float) -> Odometry:
+        """Turn on the spot, then drive straight; return what was measured of it."""
+        ...
+
+
+class Winch(Protocol):
+    """A tether drum on an Anchor-bot, with a brake that closes by itself."""
+
+    @property
+    def length_m(self) -> float:
+        """Length of tether that is out, by the drum's encoder."""
+        ...
+
+    def pay_out(self, target_m: float, rate_mps: float) -> None:
+        """Release the brake and run the drum towards a length at a rate (in either direction)."""
+        ...
+
+    def brake(self) -> None:
+        """Stop the drum now."""
+        ...
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """All that one robot has of a body; what it lacks is None."""
+
+    body: Body | None = None
+    camera: Camera | None = None
+    winch: Winch | None = None
+    extras: dict[str, object] = field(default_factory=dict[str, object])
