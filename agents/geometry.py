@@ -45,9 +45,7 @@ class Pose:
         """Turn points (N, 3) of the levelled robot frame into the frame of this pose."""
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         x, y, z = points_m[:, 0], points_m[:, 1], points_m[:, 2]
-        return np.column_stack(
-            (self.x_m + c * x - s * y, self.y_m + s * x + c * y, self.z_m + z)
-        )
+        return np.column_stack((self.x_m + c * x - s * y, self.y_m + s * x + c * y, self.z_m + z))
 
     def distance_m(self, other: "Pose") -> float:
         """Return the horizontal distance to another pose."""

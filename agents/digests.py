@@ -1,0 +1,208 @@
+"""Digests: what a robot says that it has, and what is believed of team-mates between them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from agents.messages import Digest, Held, Section, pack_digest
+from agents.settings import SharingSettings
+from agents.store import AnchorKey, Chunk, Store, TileKey, Version
+
+GUARD_S = 5.0
+"""What was sent less than this before a digest came may have crossed it on the air."""
+FIRST_WAIT_S = 30.0
+LONGEST_WAIT_S = 480.0
+
+
+class _HasBits(Protocol):
+    def bits_at(self, prefix_bytes: int) -> float: ...
+
+
+@dataclass
+class _Belief:
+    version: int
+    prefix_bytes: int
+    """-1: the whole payload."""
+    sent_s: float = -1e9
+
+
+@dataclass
+class Believed:
+    """What one team-mate is believed to have."""
+
+    tiles: dict[TileKey, list[_Belief]] = field(default_factory=dict[TileKey, list[_Belief]])
+    """Newest version last."""
+    anchors: dict[AnchorKey, int] = field(default_factory=dict[AnchorKey, int])
+
+    def has(self, chunk: Chunk, sent_s: float = -1e9) -> None:
+        """Believe that the team-mate got a chunk (if it had all before it)."""
+        beliefs = self.tiles.setdefault(chunk.key, [])
+        belief = next((b for b in beliefs if b.version == chunk.version), None)
+        if belief is None:
+            belief = _Belief(chunk.version, 0)
+            beliefs.append(belief)
+            beliefs.sort(key=lambda b: b.version)
+        belief.sent_s = max(belief.sent_s, sent_s)
+        end = chunk.offset + len(chunk.data)
+        if belief.prefix_bytes >= chunk.offset:
+            belief.prefix_bytes = max(belief.prefix_bytes, end)
+        if belief.prefix_bytes == chunk.total:
+            belief.prefix_bytes = -1
+            self.tiles[chunk.key] = [b for b in beliefs if b.version >= chunk.version]
+
+    def prefix_of(self, key: TileKey, version: Version) -> int:
+        """Return how much of a version the team-mate has."""
+        for belief in self.tiles.get(key, []):
+            if belief.version == version.number:
+                return version.total if belief.prefix_bytes < 0 else belief.prefix_bytes
+            if belief.version > version.number:
+                return version.total
+        return 0
+
+    def bits_of(
+        self, key: TileKey, version: Version, steps: Mapping[tuple[TileKey, int], _HasBits]
+    ) -> float:
+        """Return the information that the team-mate has of a tile, by its best version."""
+        best = 0.0
+        for belief in self.tiles.get(key, []):
+            known = steps.get((key, belief.version))
+            if known is not None and belief.version <= version.number:
+                prefix = 1 << 30 if belief.prefix_bytes < 0 else belief.prefix_bytes
+                best = max(best, known.bits_at(prefix))
+        return best
+
+    def has_anchor(self, key: AnchorKey, version: int) -> None:
+        """Believe that the team-mate got an anchor."""
+        self.anchors[key] = max(version, self.anchors.get(key, -1))
+
+    def lacks_anchor(self, key: AnchorKey, version: int) -> bool:
+        """Say whether the team-mate is not believed to have this version of an anchor."""
+        return self.anchors.get(key, -1) < version
+
+
+def take_digest(believed: Believed, digest: Digest, now_s: float) -> list[TileKey]:
+    """Put right what is believed of a team-mate; return the tiles of which that changed."""
+    said: dict[TileKey, Held] = {}
+    covered: dict[AnchorKey, list[tuple[int, int]]] = {key: [] for key, _ in digest.anchors}
+    for section in digest.sections:
+        covered[section.key].append((section.first_tile, section.last_tile))
+        for held in section.held:
+            said[TileKey(*section.key, held.tile)] = held
+    believed.anchors = {key: version - 1 for key, version in digest.anchors if version > 0}
+    changed: list[TileKey] = []
+    for key in sorted({*believed.tiles, *said}):
+        anchor = AnchorKey(key.robot, key.incarnation, key.submap)
+        spans = covered.get(anchor)
+        if spans is not None and not any(a <= key.tile <= b for a, b in spans):
+            continue  # this frame of the digest does not speak of that tile
+        if _correct(believed, key, said.get(key), now_s):
+            changed.append(key)
+    return changed
+
+
+def _correct(believed: Believed, key: TileKey, held: Held | None, now_s: float) -> bool:
+    """Replace the belief about one tile by what was said; keep what was sent just now."""
+    before = believed.tiles.get(key, [])
+    fresh = [b for b in before if now_s - b.sent_s < GUARD_S]
+    after = [] if held is None else [_Belief(held.version, held.prefix_bytes)]
+    after += [b for b in fresh if held is None or b.version >= held.version]
+    merged: dict[int, _Belief] = {}
+    for belief in after:
+        known = merged.get(belief.version)
+        if known is None or _reach(belief) > _reach(known):
+            merged[belief.version] = belief
+    result = [merged[version] for version in sorted(merged)]
+    if [(b.version, b.prefix_bytes) for b in result] == [
+        (b.version, b.prefix_bytes) for b in before
+    ]:
+        return False
+    believed.tiles[key] = result
+    return True
+
+
+def _reach(belief: _Belief) -> float:
+    return float("inf") if belief.prefix_bytes < 0 else belief.prefix_bytes
+
+
+def digest_payload(
+    store: Store, cursor: int, payload_bytes: int, tile_count: int
+) -> tuple[bytes, int]:
+    """Return one digest frame's payload and the cursor of the next.
+
+    A digest that does not fit goes on in the next frame: `cursor` counts the tiles told so far.
+    Each frame is of use alone; it says which tiles it speaks of.
+    """
+    anchors = sorted(
+        {AnchorKey(k.robot, k.incarnation, k.submap) for k in store.keys()} | set(store.anchors)
+    )
+    versions = tuple(
+        (key, store.anchors[key].version + 1 if key in store.anchors else 0) for key in anchors
+    )
+    keys = store.keys()
+    start = cursor if cursor < len(keys) else 0
+    low, high = start, len(keys)
+    payload = _digest_of(store, versions, keys, start, high, tile_count)
+    while len(payload) > payload_bytes and high > low + 1:
+        high = start + max(1, (high - start) * payload_bytes // (len(payload) + 8))
+        payload = _digest_of(store, versions, keys, start, high, tile_count)
+    return payload, (high if high < len(keys) else 0)
+
+
+def _digest_of(
+    store: Store,
+    versions: tuple[tuple[AnchorKey, int], ...],
+    keys: list[TileKey],
+    start: int,
+    end: int,
+    tile_count: int,
+) -> bytes:
+    """Pack the tiles keys[start:end]; each section spans up to the next tile that is held."""
+    sections: list[Section] = []
+    for anchor, _ in versions:
+        places = [i for i, k in enumerate(keys) if AnchorKey(*k[:3]) == anchor]
+        told = [i for i in places if start <= i < end]
+        if not told:
+            continue
+        first = 0 if told[0] == places[0] else keys[told[0]].tile
+        last = tile_count - 1 if told[-1] == places[-1] else keys[told[-1] + 1].tile - 1
+        sections.append(Section(anchor, first, last, tuple(_held(store, keys[i]) for i in told)))
+    return pack_digest(Digest(versions, tuple(sections)))
+
+
+def _held(store: Store, key: TileKey) -> Held:
+    version = store.newest(key)
+    assert version is not None
+    return Held(key.tile, version.number, -1 if version.complete else version.prefix_bytes)
+
+
+class DigestClock:
+    """When the next digest is due: often while maps change, ever less often afterwards."""
+
+    def __init__(self, settings: SharingSettings) -> None:
+        """Start with a digest at once: a newcomer says what it lacks."""
+        self.settings = settings
+        self.cursor = 0
+        self._sent_s = 0.0
+        self._pause_s = 0.0
+        self._wait_s = FIRST_WAIT_S
+
+    def changed(self) -> None:
+        """Note news: the next digest need not wait for the long pause of quiet times."""
+        self._wait_s = min(self._wait_s, FIRST_WAIT_S)
+
+    def due(self, now_s: float) -> bool:
+        """Say whether a digest is due."""
+        pause_s = self._pause_s if self.cursor else max(self._pause_s, self._wait_s)
+        return self._pause_s == 0.0 or now_s >= self._sent_s + pause_s
+
+    def sent(self, now_s: float, size_bytes: int, rate_bps: float, team_size: int) -> None:
+        """Note that a digest (or a part of one) was sent.
+
+        The next comes no sooner than the share of the link allows that all robots' digests may
+        take together.
+        """
+        share = max(self.settings.digest_share, 1e-6) / team_size
+        self._sent_s = now_s
+        self._pause_s = max(1.0, 8 * size_bytes / rate_bps / share)
+        if self.cursor == 0:
+            self._wait_s = min(2 * self._wait_s, LONGEST_WAIT_S)

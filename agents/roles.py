@@ -1,0 +1,218 @@
+"""What each robot of the team does with its life, told in the verbs of `agents.robot`."""
+
+import asyncio
+import math
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import numpy as np
+
+from agents.geometry import Floats, wrap_angle
+from agents.messages import TetherCommand, pack_tethers
+from agents.paths import path_to, straight_legs, travel_field, traversability
+from agents.robot import ACTIVITIES, Robot
+from comms.frames import Kind
+
+SILENT_S = 240.0
+"""A team-mate that was not heard for so long is taken for lost."""
+STEP_M = 0.25
+"""The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
+SLACK_M = 0.05
+COMMAND_S = 2.0
+"""Tether commands are repeated this often while they hold."""
+PATIENCE_S = 5.0
+"""How often a robot that waits looks again."""
+QUIET_S = 120.0
+"""A map that has not changed for so long will not change any more, once nobody explores."""
+TRIES = 40
+"""Steps that may fail on a descent before the Cliff-bot gives up and stays."""
+
+
+async def explore(robot: Robot) -> None:
+    """Map: look, localise, fuse, share, plan, move (Fig. 2), until no look is worth taking."""
+    robot.set_activity("exploring")
+    for pan_rad in np.linspace(0.0, 2 * math.pi, 6, endpoint=False):
+        await robot.look(wrap_angle(float(pan_rad)), math.radians(-25.0))
+    while robot.looks < robot.settings.planner.max_looks:
+        plan = robot.choose_look()
+        if plan is None:
+            break
+        await robot.travel(plan.path_m)
+        await robot.look(wrap_angle(plan.heading_rad - robot.pose.yaw_rad), plan.tilt_rad)
+    robot.log.event("explored", f"after {robot.looks} looks no other look is worth its way")
+    await watch(robot)
+
+
+async def watch(robot: Robot) -> None:
+    """Keep an eye on the Cliff-bot while it goes down, and tell it where it is (section 2.1)."""
+    robot.set_activity("watching")
+    while (cliffbot := _mate_with_role(robot, "cliffbot")) is not None:
+        mate = robot.mates[cliffbot].status
+        doing = ACTIVITIES[mate.activity]
+        if doing == "done":
+            break
+        dx, dy = mate.pose.x_m - robot.pose.x_m, mate.pose.y_m - robot.pose.y_m
+        distance_m = math.hypot(dx, dy)
+        if doing == "descending" and distance_m < robot.settings.sensor.range_m:
+            up_m = mate.pose.z_m - robot.pose.z_m - robot.settings.sensor.height_m
+            bearing_rad = wrap_angle(math.atan2(dy, dx) - robot.pose.yaw_rad)
+            await robot.look(bearing_rad, math.atan2(up_m, distance_m))
+        await asyncio.sleep(PATIENCE_S)
+    robot.set_activity("done")
+    robot.finished = True
+
+
+async def descend(robot: Robot) -> None:
+    """Wait for a way down that is known and safe all along, and go down it on two tethers."""
+    robot.set_activity("waiting")
+    assert robot.settings.goal_m is not None
+    goal = robot.settings.goal_m
+    planned_s = -math.inf
+    while True:
+        if planned_s < robot.map_changed_s:
+            planned_s = robot.now_s
+            path_m = safe_path(robot, goal)
+            if path_m is not None:
+                break
+        if _nothing_more_to_come(robot):
+            robot.log.event("stuck", "nobody maps any more, and no safe way down is known")
+            robot.set_activity("done")
+            robot.finished = True
+            return
+        await asyncio.sleep(PATIENCE_S)
+    robot.log.event("safe path", f"{_length_m(path_m):.1f} m")
+    robot.set_activity("descending")
+    arrived = await go_down(robot, goal)
+    robot.log.event("reached" if arrived else "stuck", "" if arrived else "the way is barred")
+    robot.set_activity("done")
+    robot.finished = True
+
+
+async def go_down(robot: Robot, goal: tuple[float, float]) -> bool:
+    """Go down step by step, each by the newest map; return whether the goal was reached."""
+    failures = 0
+    while math.dist((robot.pose.x_m, robot.pose.y_m), goal) > robot.settings.map.cell_m:
+        path_m = safe_path(robot, goal)
+        if path_m is None or failures > TRIES:
+            return False
+        x_m, y_m = _step_along(path_m)
+        holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m))
+        try:
+            moved = await robot.drive_to(x_m, y_m, STEP_M)
+        finally:
+            holder.cancel()
+        failures += not moved
+    return True
+
+
+async def hold(robot: Robot) -> None:
+    """Pay out tether on command, and brake when commands stop (the Anchor-bot's whole life)."""
+    robot.set_activity("holding")
+    robot.finished = True
+    winch = robot.hardware.winch
+    assert winch is not None
+    while True:
+        if not robot.inbox.tethers:
+            robot.inbox.arrived.clear()
+            try:
+                async with asyncio.timeout(robot.settings.tether.command_timeout_s):
+                    await robot.inbox.arrived.wait()
+            except TimeoutError:
+                winch.brake()
+                await robot.inbox.arrived.wait()
+        if robot.inbox.tethers:
+            command = robot.inbox.tethers[-1]
+            robot.inbox.tethers.clear()
+            target_m = min(command.target_m, robot.settings.tether.max_length_m)
+            winch.pay_out(target_m, min(command.rate_mps, robot.settings.tether.rate_mps))
+        else:
+            winch.brake()  # a stop
+            await asyncio.sleep(0)
+
+
+ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
+    "recon": explore,
+    "explorer": explore,
+    "cliffbot": descend,
+    "anchor": hold,
+}
+
+
+def safe_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
+    """Return a way (N, 2) over known and safe ground to the goal, or None where there is none."""
+    fused = robot.team.fused()
+    drive = robot.settings.drive
+    cost = traversability(
+        fused.elevation_m,
+        np.sqrt(fused.variance_m2),
+        cell_m=robot.settings.map.cell_m,
+        footprint_m=drive.footprint_m,
+        wheel_m=drive.wheel_m,
+        max_slope_deg=drive.max_slope_deg,
+        tethered=True,
+    )
+    frame = robot.settings.frame
+    start = frame.cell_of(robot.pose.x_m, robot.pose.y_m)
+    end = frame.cell_of(*goal)
+    if not (frame.holds(*start) and frame.holds(*end)):
+        return None
+    cost[start] = min(cost[start], 10.0)  # it stands there, so one can stand there
+    distance_m, parent = travel_field(cost, np.array([start]), frame.cell_m)
+    if not math.isfinite(distance_m[end]):
+        return None
+    cells = straight_legs(path_to(parent, end), cost)
+    return np.array([frame.centre_of(int(row), int(col)) for row, col in cells])
+
+
+def _step_along(path_m: Floats) -> tuple[float, float]:
+    """Return the point one step along a path from its start."""
+    here, there = path_m[0], path_m[1] if len(path_m) > 1 else path_m[0]
+    distance_m = math.hypot(*(there - here))
+    share = min(1.0, STEP_M / distance_m) if distance_m > 0 else 1.0
+    x_m, y_m = here + share * (there - here)
+    return float(x_m), float(y_m)
+
+
+async def _hold_tethers(robot: Robot, x_m: float, y_m: float) -> None:
+    """Ask both Anchor-bots for the tether that a point needs, until cancelled."""
+    row, col = robot.settings.frame.cell_of(x_m, y_m)
+    ground_m = robot.team.fused().elevation_m[row, col]
+    z_m = float(ground_m) if math.isfinite(ground_m) else robot.pose.z_m
+    rate = robot.settings.tether.rate_mps
+    while True:
+        commands: list[TetherCommand] = []
+        for index, mate in sorted(robot.mates.items()):
+            if robot.settings.roles[index] == "anchor":
+                at = mate.status.pose
+                length_m = math.dist((at.x_m, at.y_m, at.z_m), (x_m, y_m, z_m)) + SLACK_M
+                commands.append(TetherCommand(index, length_m, rate))
+        if commands and robot.radio is not None:
+            robot.radio.send_urgent(Kind.TETHER, pack_tethers(commands), "tethers")
+        await asyncio.sleep(COMMAND_S)
+
+
+def _mate_with_role(robot: Robot, role: str) -> int | None:
+    """Return a team-mate of a role that was heard not long ago, or None."""
+    for index, mate in sorted(robot.mates.items()):
+        fresh = robot.now_s - mate.heard_s < SILENT_S
+        if robot.settings.roles[index] == role and fresh:
+            return index
+    return None
+
+
+def _nothing_more_to_come(robot: Robot) -> bool:
+    """Say whether nobody maps any more, as far as can be heard, and the map stands still."""
+    if robot.now_s - robot.map_changed_s < QUIET_S or robot.now_s < SILENT_S:
+        return False
+    mapping = [
+        mate
+        for index, mate in robot.mates.items()
+        if robot.settings.roles[index] in ("recon", "explorer")
+        and robot.now_s - mate.heard_s < SILENT_S
+        and ACTIVITIES[mate.status.activity] in ("starting", "exploring")
+    ]
+    return not mapping
+
+
+def _length_m(path_m: Floats) -> float:
+    return float(np.sum(np.hypot(*np.diff(path_m, axis=0).T)))

@@ -1,0 +1,219 @@
+"""What a planner makes of a view: completed ground, where it may stand, and how it gets there."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from agents import edge, markov, paths, surface
+from agents.errors import AgentError
+from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
+from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+from agents.visibility import phi
+
+BODY_M = 0.6
+"""Height of a team-mate's body, which hides what is behind it."""
+CLAIMED = 0.3
+"""What a cell is still worth that a team-mate said it will look at."""
+NEAR_COST = 4.0
+"""Cost of a metre on ground beside the robot that lies outside the inset polygon."""
+
+
+class ViewError(AgentError):
+    """A view that no plan can be made from."""
+
+
+@dataclass(frozen=True)
+class View:
+    """All that a look is planned from; grids (H, W) have row 0 at the south."""
+
+    frame: GridFrame
+    elevation_m: Floats
+    """Fused team map, NaN where unknown."""
+    sigma_m: Floats
+    """Standard deviation of known cells; ignored elsewhere."""
+    looks: Ints
+    """In how many looks of the whole team a cell was measured."""
+    interest: Floats
+    """Eq. 9, in [0, 1]."""
+    pose: Pose
+    pose_sigma_m: float
+    others: list[Pose]
+    sensor: SensorSettings
+    drive: DriveSettings
+    planner: PlannerSettings
+    claims: list[tuple[float, float, float]]
+    """(x, y, radius) in metres that team-mates said they will look at."""
+
+
+class Scene:
+    """What follows from one view, each part worked out once and only when asked for."""
+
+    def __init__(self, view: View) -> None:
+        row, col = view.frame.cell_of(view.pose.x_m, view.pose.y_m)
+        if not view.frame.holds(row, col):
+            raise ViewError(f"the robot at {view.pose} lies outside the map {view.frame.extent_m}")
+        for name in ("elevation_m", "sigma_m", "looks", "interest"):
+            if getattr(view, name).shape != view.frame.shape:
+                raise ViewError(
+                    f"{name} has shape {getattr(view, name).shape}, the map {view.frame.shape}"
+                )
+        self.view = view
+        self.cell = (row, col)
+
+    @cached_property
+    def seeded_m(self) -> Floats:
+        """(H, W) elevation with the cells under the robot known by its wheels."""
+        seeded = self.view.elevation_m.copy()
+        row, col = self.cell
+        below = seeded[max(0, row - 1) : row + 2, max(0, col - 1) : col + 2]
+        below[np.isnan(below)] = self.view.pose.z_m
+        return seeded
+
+    @cached_property
+    def ground_m(self) -> Floats:
+        """(H, W) completed elevation, outer border low (Eq. M)."""
+        return markov.complete(self.seeded_m, border="low")
+
+    @cached_property
+    def known_distance_m(self) -> Floats:
+        """(H, W) distance to measured ground, wheels included."""
+        return markov.distance_to_known_m(~np.isnan(self.seeded_m), self.view.frame.cell_m)
+
+    @cached_property
+    def sigma_m(self) -> Floats:
+        """(H, W) standard deviation of every cell, estimated ones included."""
+        known = ~np.isnan(self.view.elevation_m)
+        return np.where(known, self.view.sigma_m, markov.estimated_sigma(self.known_distance_m))
+
+    @cached_property
+    def obstacles_m(self) -> Floats:
+        """(H, W) the ground with team-mates standing on it."""
+        raised = self.ground_m.copy()
+        for mate in self.view.others:
+            body = self._within(mate.x_m, mate.y_m, 0.5 * self.view.drive.footprint_m)
+            raised[body] = np.maximum(raised[body], mate.z_m + BODY_M)
+        return raised
+
+    @cached_property
+    def worth(self) -> Floats:
+        """(H, W) bits that a cell gives if it is seen for certain: Eq. 3 without P, times Eq. 9."""
+        view = self.view
+        filled = np.minimum(view.looks / view.planner.n_max, 1.0)
+        worth = (1.0 - filled) * view.interest
+        for x_m, y_m, radius_m in view.claims:
+            worth[self._within(x_m, y_m, radius_m)] *= CLAIMED
+        for mate in view.others:
+            worth[self._within(mate.x_m, mate.y_m, 0.5 * view.drive.footprint_m)] = 0.0
+        return worth
+
+    def _within(self, x_m: float, y_m: float, radius_m: float) -> Bools:
+        frame = self.view.frame
+        x = frame.x_m + (np.arange(frame.cols) + 0.5) * frame.cell_m - x_m
+        y = frame.y_m + (np.arange(frame.rows) + 0.5) * frame.cell_m - y_m
+        return x[None] ** 2 + y[:, None] ** 2 <= radius_m * radius_m
+
+    @cached_property
+    def trusted_distance_m(self) -> Floats:
+        """(H, W) as `known_distance_m`, but the ring about the robot that no look reaches counts.
+
+        The camera can't see the ground below the steepest look; the robot came to stand there,
+        and what lies between its wheels and the seen ground is estimated from both sides.
+        """
+        view = self.view
+        down_deg = 0.5 * view.sensor.fov_vertical_deg - min(view.planner.tilts_deg)
+        blind_m = view.sensor.height_m / math.tan(math.radians(min(80.0, max(10.0, down_deg))))
+        blind_m = min(blind_m, 2.0 * view.drive.footprint_m) + view.drive.wheel_m
+        ring = self._within(view.pose.x_m, view.pose.y_m, blind_m)
+        return np.where(
+            ring, np.minimum(self.known_distance_m, view.drive.wheel_m), self.known_distance_m
+        )
+
+    @cached_property
+    def edge(self) -> edge.Edge:
+        """The polygon about the plateau that the robot stands on (Figs. 8, 9)."""
+        drive = self.view.drive
+        return edge.find_edge(
+            self.ground_m,
+            self.trusted_distance_m,
+            self.cell,
+            contact_m=self.view.pose.z_m,
+            wheel_m=drive.wheel_m,
+            cell_m=self.view.frame.cell_m,
+            band_m=drive.wheel_m,
+            max_slope_deg=drive.max_slope_deg,
+            patch_m=drive.footprint_m,
+        )
+
+    @cached_property
+    def cost(self) -> Floats:
+        """(H, W) cost of a metre: 1 where the robot may drive, inf elsewhere and at team-mates."""
+        view, drive = self.view, self.view.drive
+        sizes = {
+            "cell_m": view.frame.cell_m,
+            "wheel_m": drive.wheel_m,
+            "footprint_m": drive.footprint_m,
+            "max_slope_deg": drive.max_slope_deg,
+        }
+        layers = edge.ground_layers(self.edge, self.ground_m, self.trusted_distance_m, **sizes)
+        cost = np.where(layers.drivable(drive.wheel_m + 0.5 * drive.footprint_m), 1.0, np.inf)
+        beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
+        cost[beside & layers.passable & np.isinf(cost)] = NEAR_COST
+        for mate in view.others:
+            cost[self._within(mate.x_m, mate.y_m, 1.25 * drive.footprint_m)] = np.inf
+        return cost
+
+    @cached_property
+    def travel(self) -> tuple[Floats, Ints]:
+        """Distance and parent of every cell from the robot's (`paths.travel_field`)."""
+        return paths.travel_field(self.cost, np.array((self.cell,)), self.view.frame.cell_m)
+
+    @cached_property
+    def candidates(self) -> Ints:
+        """(N, 2) cells that a look may be taken from, the robot's own first.
+
+        Points of a lattice fixed to the map that can be reached over open ground; if
+        there are more than `max_candidates`, evenly many of them by distance.
+        """
+        view = self.view
+        step = max(1, round(view.planner.candidate_step_m / view.frame.cell_m))
+        lattice = np.zeros(view.frame.shape, dtype=np.bool_)
+        lattice[step // 2 :: step, step // 2 :: step] = True
+        distance = self.travel[0]
+        rows, cols = np.nonzero(lattice & np.isfinite(distance) & (self.cost <= 1.0))
+        order = np.argsort(distance[rows, cols], kind="stable")
+        room = view.planner.max_candidates - 1
+        if len(order) > room:
+            order = order[np.linspace(0, len(order) - 1, room).astype(np.int64)]
+        here = np.array((self.cell,), dtype=np.int64)
+        others = np.column_stack((rows[order], cols[order])).astype(np.int64)
+        return np.concatenate((here, others[(others != here).any(axis=1)]))
+
+    @cached_property
+    def unsafe_p(self) -> Floats:
+        """(H, W) P of Eq. 23: mean over the footprint of the chance to err by half a wheel."""
+        drive = self.view.drive
+        z = 0.5 * drive.wheel_m / np.maximum(self.sigma_m, 1e-6)
+        table = np.array([2.0 * (1.0 - phi(v / 50.0)) for v in range(251)])
+        chance = np.interp(z, np.arange(251) / 50.0, table)
+        side = surface.odd_cells(drive.footprint_m, self.view.frame.cell_m)
+        return surface.mean_over(chance, side)
+
+    def path_m(self, cell: tuple[int, int]) -> Floats:
+        """Return the corners (N, 2), metres, of the way from the robot to a cell."""
+        cells = paths.straight_legs(paths.path_to(self.travel[1], cell), self.cost)
+        frame = self.view.frame
+        xy = np.array([frame.centre_of(int(r), int(c)) for r, c in cells])
+        xy[0] = (self.view.pose.x_m, self.view.pose.y_m)
+        return xy
+
+    def arrival_sigma_m(self, path_m: Floats) -> Floats:
+        """Return LE of Eq. 23: the robot's standard deviation after driving so far.
+
+        Its present one, with odometry's drift along the way and a heading error that grows with it.
+        """
+        drive = self.view.drive
+        yaw = np.radians(drive.yaw_sigma_deg_per_m) * path_m
+        along = drive.odometry_sigma * path_m
+        return np.sqrt(self.view.pose_sigma_m**2 + along**2 + (0.5 * yaw * path_m) ** 2)

@@ -1,0 +1,341 @@
+"""Where to look next: strategies by name, the paper's method 5 first.
+
+A strategy turns a `View` into a `LookPlan`. The paper's (methods 4 and 5 of section 3) rate
+candidate poses by Eq. 23: positions on a lattice inside the cliff-edge polygon, inset, that can be
+driven to, each with a cycle of headings and tilts; a look's worth is Eq. 3 with Eq. 5 and
+(method 5) Eq. 9. Method 3, a straight edge, belongs to the experiments.
+
+At each position visibility is predicted once, for all bearings; the bits of its cells are binned
+by azimuth and elevation angle, and every heading and tilt is a sum over a window of these
+bins. Candidates are rated on a grid made coarser (2x2 means) where the sensor's range is more than
+`FINE_RANGE_CELLS` cells; the look chosen is worked out again on the map itself.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from agents import gaze, surface, visibility
+from agents.errors import AgentError
+from agents.gaze import Lens
+from agents.geometry import Floats, GridFrame, Ints, Pose, Singles, wrap_angle
+from agents.rating import rate
+from agents.scene import Scene, View
+
+FINE_RANGE_CELLS = 60
+"""Candidates are rated on the map's own cells if the sensor reaches no more of them than this."""
+
+__all__ = ["LookPlan", "Strategy", "View", "expected_visibility", "names", "strategy"]
+
+
+class StrategyError(AgentError):
+    """A strategy that doesn't exist."""
+
+
+@dataclass(frozen=True)
+class LookPlan:
+    """A look to take and the way to where it is taken."""
+
+    target_m: tuple[float, float]
+    path_m: Floats
+    """(N, 2) corners from the robot's position to the target; one point if it stays."""
+    heading_rad: float
+    """Where the camera shall point, counter-clockwise from +x of the map's frame."""
+    pan_rad: float
+    """The same, from ahead of the robot as it arrives along the path's last leg."""
+    tilt_rad: float
+    expected_cells: int
+    """Cells that the look is expected to measure, known before or not."""
+    gain_bits: float
+    """New information expected (Eq. 3)."""
+    rating: float
+    """Eq. 23."""
+
+
+class Strategy(Protocol):
+    """Chooses looks for one robot."""
+
+    def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
+        """Return the next look, or None when no look is worth `min_gain_cells` bits."""
+        ...
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Bits (Eq. 3) of every candidate look."""
+
+    cells: Ints
+    """(N, 2) positions; the robot's own first."""
+    headings_rad: Floats
+    tilts_rad: Floats
+    bits: Floats
+    """(N, headings, tilts)."""
+    path_m: Floats
+    """(N,) length of the way."""
+
+    @property
+    def best_bits(self) -> float:
+        """The largest gain."""
+        return float(self.bits.max())
+
+
+@dataclass(frozen=True)
+class _Coarse:
+    """The scene on the grid on which candidates are rated."""
+
+    frame: GridFrame
+    ground_m: Floats
+    sigma_m: Floats
+    worth: Floats
+    gradient: tuple[Floats, Floats]
+
+
+def _coarse(scene: Scene, factor: int) -> _Coarse:
+    """Join factor x factor cells: mean heights, root mean square sigma, summed worth."""
+    frame = scene.view.frame
+    joined = GridFrame(
+        frame.x_m,
+        frame.y_m,
+        frame.cell_m * factor,
+        frame.rows // factor,
+        frame.cols // factor,
+    )
+
+    def mean(values: Floats) -> Floats:
+        blocks = values[: joined.rows * factor, : joined.cols * factor]
+        return blocks.reshape(joined.rows, factor, joined.cols, factor).mean(axis=(1, 3))
+
+    ground = mean(scene.obstacles_m)
+    return _Coarse(
+        joined,
+        ground,
+        np.sqrt(mean(scene.sigma_m**2)),
+        mean(scene.worth) * factor * factor,
+        _gradient(ground, joined.cell_m),
+    )
+
+
+def _gradient(ground_m: Floats, cell_m: float) -> tuple[Floats, Floats]:
+    """Return dz/dy and dz/dx of the smoothed ground."""
+    north, east = np.gradient(surface.smoothed(ground_m), cell_m)
+    return north, east
+
+
+def _eye(scene: Scene, cell: tuple[int, int]) -> tuple[float, float, float]:
+    """Return the camera's centre over a cell; over the robot's own cell, where it is now."""
+    view = scene.view
+    if cell == scene.cell:
+        return (view.pose.x_m, view.pose.y_m, view.pose.z_m + view.sensor.height_m)
+    x_m, y_m = view.frame.centre_of(*cell)
+    return (x_m, y_m, float(scene.ground_m[cell]) + view.sensor.height_m)
+
+
+def look_gains(scene: Scene) -> Gains:
+    """Return the new information of every candidate look of a scene."""
+    view, planner = scene.view, scene.view.planner
+    headings = np.arange(planner.headings) * (2.0 * math.pi / planner.headings)
+    tilts = np.radians(np.array(planner.tilts_deg, dtype=np.float64))
+    fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
+    factor = 1 if fine or min(view.frame.shape) < 2 else 2
+    coarse = _coarse(scene, factor)
+    lens = Lens.of(view.sensor)
+    widths = gaze.half_widths(tilts, lens)
+    cells = scene.candidates
+    bits = np.empty((len(cells), len(headings), len(tilts)))
+    for n, (row, col) in enumerate(cells.tolist()):
+        bins = _bins(coarse, _eye(scene, (row, col)), view, lens)
+        bits[n] = gaze.look_gains(bins, widths, headings)
+    return Gains(cells, headings, tilts, bits, scene.travel[0][cells[:, 0], cells[:, 1]])
+
+
+def _bins(coarse: _Coarse, eye_m: tuple[float, float, float], view: View, lens: Lens) -> Floats:
+    """Return the bits about one eye by (elevation angle, azimuth)."""
+    frame, sensor = coarse.frame, view.sensor
+    inside = (
+        min(max(eye_m[0], frame.x_m), frame.x_m + frame.cols * frame.cell_m * (1 - 1e-12)),
+        min(max(eye_m[1], frame.y_m), frame.y_m + frame.rows * frame.cell_m * (1 - 1e-12)),
+        eye_m[2],
+    )
+    patch = visibility.predict(
+        coarse.ground_m,
+        coarse.sigma_m,
+        frame,
+        inside,
+        range_m=sensor.range_m,
+        near_m=sensor.near_m,
+    )
+    bins = np.zeros((gaze.ANGLE_BINS, gaze.AZIMUTH_BINS))
+    geometry = (
+        patch.row0,
+        patch.col0,
+        (inside[1] - frame.y_m) / frame.cell_m - 0.5,
+        (inside[0] - frame.x_m) / frame.cell_m - 0.5,
+        inside[2],
+        frame.cell_m,
+        view.frame.cell_m,
+        lens.ray_sr,
+    )
+    gaze.bin_gains(patch.p, coarse.ground_m, *coarse.gradient, coarse.worth, geometry, bins)
+    return bins
+
+
+def expected_visibility(view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
+    """Return each cell's probability (H, W) of being measured in a look from a pose.
+
+    Eq. 5 inside the field of view, times the chance that a ray falls on the cell at all. Sums to the
+    look's expected cells; `Interest.update` takes it as P of Eq. 9.
+    """
+    scene = Scene(replace(view, pose=pose))
+    eye = (pose.x_m, pose.y_m, pose.z_m + view.sensor.height_m)
+    return _expected(scene, eye, wrap_angle(pose.yaw_rad + pan_rad), tilt_rad)
+
+
+def _expected(
+    scene: Scene, eye_m: tuple[float, float, float], heading_rad: float, tilt_rad: float
+) -> Singles:
+    view, lens = scene.view, Lens.of(scene.view.sensor)
+    patch = visibility.predict(
+        scene.obstacles_m,
+        scene.sigma_m,
+        view.frame,
+        eye_m,
+        range_m=view.sensor.range_m,
+        near_m=view.sensor.near_m,
+    )
+    h, w = patch.p.shape
+    cut = (slice(patch.row0, patch.row0 + h), slice(patch.col0, patch.col0 + w))
+    north, east = _gradient(scene.ground_m, view.frame.cell_m)
+    seen = patch.p * gaze.sampled(patch, (north[cut], east[cut]), view.frame.cell_m, lens)
+    seen[~gaze.in_view(patch, heading_rad, tilt_rad, lens)] = 0.0
+    seen[(scene.obstacles_m > scene.ground_m)[cut]] = 0.0
+    whole = np.zeros(view.frame.shape, dtype=np.float32)
+    whole[cut] = seen
+    return whole
+
+
+def plan(scene: Scene, gains: Gains, choice: tuple[int, int, int], rating: float) -> LookPlan:
+    """Return the plan for one of the candidate looks: (position, heading, tilt) indices."""
+    n, k, t = choice
+    cell = (int(gains.cells[n, 0]), int(gains.cells[n, 1]))
+    pose = scene.view.pose
+    way = scene.path_m(cell) if n else np.array(((pose.x_m, pose.y_m),))
+    last = way[-1] - way[-2] if len(way) > 1 else None
+    yaw = math.atan2(last[1], last[0]) if last is not None else pose.yaw_rad
+    heading, tilt = float(gains.headings_rad[k]), float(gains.tilts_rad[t])
+    expected = _expected(scene, _eye(scene, cell), heading, tilt)
+    return LookPlan(
+        (float(way[-1, 0]), float(way[-1, 1])),
+        way,
+        wrap_angle(heading),
+        wrap_angle(heading - yaw),
+        tilt,
+        round(float(expected.sum())),
+        float(gains.bits[n, k, t]),
+        rating,
+    )
+
+
+class Information:
+    """The paper's method: the look that the rating function likes best (methods 4 and 5)."""
+
+    def __init__(self, *, interest: bool) -> None:
+        self._interest = interest
+
+    def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
+        """Return the best rated look whose gain is at least `min_gain_cells`."""
+        if not self._interest:
+            view = replace(view, interest=np.ones(view.frame.shape))
+        scene = Scene(view)
+        gains = look_gains(scene)
+        worthy = gains.bits >= max(view.planner.min_gain_cells, 1e-9)
+        if not worthy.any():
+            return None
+        rows, cols = gains.cells[:, 0], gains.cells[:, 1]
+        unsafe = scene.unsafe_p[rows, cols]
+        unsafe[0] = 0.0
+        ratings = rate(
+            gains.bits,
+            gains.path_m[:, None, None],
+            scene.arrival_sigma_m(gains.path_m)[:, None, None],
+            unsafe[:, None, None],
+            best_bits=gains.best_bits,
+            range_m=view.sensor.range_m,
+            cell_m=view.frame.cell_m,
+            planner=view.planner,
+        )
+        best = int(np.argmax(np.where(worthy, ratings, -np.inf)))
+        n, k, t = (int(i) for i in np.unravel_index(best, ratings.shape))
+        return plan(scene, gains, (n, k, t), float(ratings[n, k, t]))
+
+
+class Random:
+    """A candidate look drawn by lot, until none is worth taking."""
+
+    def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
+        """Return any candidate look, all equally likely."""
+        scene = Scene(view)
+        gains = look_gains(scene)
+        if gains.best_bits < view.planner.min_gain_cells:
+            return None
+        drawn = int(rng.integers(gains.bits.size))
+        n, k, t = (int(i) for i in np.unravel_index(drawn, gains.bits.shape))
+        return plan(scene, gains, (n, k, t), 0.0)
+
+
+class Raster:
+    """Positions row by row, to and fro, one look at each (method 1); the heading goes round."""
+
+    def __init__(self) -> None:
+        self._been: list[tuple[float, float]] = []
+
+    def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
+        """Return the first position in raster order where no look was taken yet."""
+        scene = Scene(view)
+        gains = look_gains(scene)
+        count, spacing = len(self._been), view.planner.candidate_step_m
+        if gains.best_bits < view.planner.min_gain_cells:
+            return None
+        for n in _serpentine(gains.cells, max(1, round(spacing / view.frame.cell_m))):
+            x, y = view.frame.centre_of(int(gains.cells[n, 0]), int(gains.cells[n, 1]))
+            if all(math.hypot(x - a, y - b) >= 0.9 * spacing for a, b in self._been):
+                break
+        else:
+            n = 0
+            x, y = view.pose.x_m, view.pose.y_m
+        self._been.append((x, y))
+        k, t = count % len(gains.headings_rad), count % len(gains.tilts_rad)
+        return plan(scene, gains, (n, k, t), 0.0)
+
+
+def _serpentine(cells: Ints, step: int) -> list[int]:
+    """Return the order of cells row by row, every other row backwards."""
+    band = cells[:, 0] // step
+    along = np.where(band % 2 == 0, cells[:, 1], -cells[:, 1])
+    return [int(i) for i in np.lexsort((along, band))]
+
+
+_STRATEGIES: dict[str, Callable[[], Strategy]] = {
+    "information-interest": lambda: Information(interest=True),
+    "information-edge": lambda: Information(interest=False),
+    "raster": Raster,
+    "random": Random,
+}
+
+
+def names() -> tuple[str, ...]:
+    """Return the names of all strategies."""
+    return tuple(_STRATEGIES)
+
+
+def strategy(name: str) -> Strategy:
+    """Return a new strategy for one robot.
+
+    Raises:
+        StrategyError: there is none of that name.
+    """
+    if name not in _STRATEGIES:
+        raise StrategyError(f'no strategy is named "{name}"; there are: {", ".join(names())}')
+    return _STRATEGIES[name]()

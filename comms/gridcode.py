@@ -1,0 +1,241 @@
+"""Whole elevation grids: one level, as small as it gets."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comms.errors import CodecError
+from comms.maskcode import code_mask, fresh_mask_models
+from comms.pyramid import fresh_residual_models, steps_of, sweep, top_spacing
+from comms.rangecoder import Mark, Words, code_words, decoder, encoder, has_run_out
+from comms.scales import (
+    BOUNDED,
+    RAW,
+    Bound,
+    Fields,
+    Scale,
+    binary_scale,
+    bounded,
+    code_scale,
+    exact_scales,
+    largest_bound,
+    rounding_m,
+    spans_units,
+)
+from comms.sigmacode import (
+    code_of,
+    code_sigma_blocks,
+    fresh_sigma_models,
+    sigma_of,
+)
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Bools = NDArray[np.bool_]
+
+LARGEST_SIDE = 4096
+_SIGMA_BLOCK = 4
+_LEAST_BITS_PER_CELL = 1 / 2048
+_NO_BOUND = Bound(10, 0)
+
+
+def check_grid(elevation_m: NDArray[np.floating], known: Bools, max_error_m: float) -> Floats:
+    """Return the elevations as float64, or say what is wrong with the arguments."""
+    if elevation_m.ndim != 2 or elevation_m.shape != known.shape:
+        raise CodecError(f"elevation {elevation_m.shape} and mask {known.shape} must be one grid")
+    if not (1 <= min(elevation_m.shape) and max(elevation_m.shape) <= LARGEST_SIDE):
+        raise CodecError(f"a grid of {elevation_m.shape} cells is outside 1x1..4096x4096")
+    if not 1e-30 <= max_error_m <= 1e30:
+        raise CodecError(f"an error bound of {max_error_m} m is outside 1e-30..1e30 m")
+    values = elevation_m.astype(np.float64)
+    if not np.isfinite(values[known]).all():
+        raise CodecError("every known cell needs a finite elevation")
+    return values
+
+
+def encode_grid(
+    elevation_m: NDArray[np.floating],
+    known: Bools,
+    max_error_m: float,
+    *,
+    sigma_m: NDArray[np.floating] | None = None,
+) -> bytes:
+    """Return a payload from which every known cell comes back within `max_error_m`.
+
+    `elevation_m` (H, W) metres, read only where `known` (H, W); 1x1 to 4096x4096 cells.
+    `sigma_m` (H, W): standard deviations to go with it, see `decode_grid_sigma`.
+    Raises `CodecError` where float32 cannot hold the bound, or the arguments make no sense.
+    """
+    values = check_grid(elevation_m, known, max_error_m)
+    mask = np.ascontiguousarray(known).astype(np.uint8)
+    codes = None if sigma_m is None else code_of(sigma_m.astype(np.float64), known)
+    for scale, bound in _scales_to_try(values[known], max_error_m):
+        data, decoded = _write(values, mask, codes, scale, bound)
+        error_m = np.abs(decoded.astype(np.float64) - values)[known]
+        if error_m.size == 0 or error_m.max() <= max_error_m:
+            return data
+    raise CodecError(
+        f"float32 cannot hold elevations of up to {np.abs(values[known]).max():g} m "
+        f"within {max_error_m:g} m"
+    )
+
+
+def decode_grid(data: bytes) -> tuple[Singles, Bools]:
+    """Return elevation (H, W) in metres, NaN where unknown, and the mask of known cells (H, W).
+
+    Raises `CodecError` for bytes that are no payload of `encode_grid`.
+    """
+    elevation_m, known, _ = decode_grid_sigma(data)
+    return elevation_m, known
+
+
+def decode_grid_sigma(data: bytes) -> tuple[Singles, Bools, Singles | None]:
+    """Return what `decode_grid` does, and the standard deviations (H, W) if any were sent.
+
+    They are never below those that were sent: a block of 4 x 4 cells shares its largest, rounded up
+    to a half octave. NaN where unknown.
+    """
+    state, buffer = decoder(data)
+    return _read(Fields(state, buffer), len(data))
+
+
+def _scales_to_try(values_m: Floats, max_error_m: float) -> list[tuple[Scale, Bound]]:
+    if values_m.size == 0:
+        return [(Scale(RAW, 1.0), _NO_BOUND)]
+    scales = [(scale, _NO_BOUND) for scale in exact_scales(values_m, max_error_m)]
+    room_m = max_error_m - rounding_m(values_m) * (1 + 1e-6)
+    if room_m > 0.4 * max_error_m:
+        digits = 2 if values_m.size < 8192 else 4
+        bound = largest_bound(room_m, digits)
+        scales.append((bounded(bound), bound))
+    scales.append((binary_scale(values_m, max_error_m), _NO_BOUND))
+    usable = [(s, b) for s, b in scales if spans_units(values_m, s)]
+    return [*usable, (Scale(RAW, 1.0), _NO_BOUND)]
+
+
+def _write(
+    values: Floats,
+    mask: NDArray[np.uint8],
+    sigma_codes: NDArray[np.int64] | None,
+    scale: Scale,
+    bound: Bound,
+) -> tuple[bytes, Singles]:
+    state, buffer = encoder(values.size * 12 + 256)
+    fields = Fields(state, buffer)
+    rows, cols = values.shape
+    fields.bits(12, rows - 1)
+    fields.bits(12, cols - 1)
+    fields.bits(1, int(bool(mask.any())))
+    if mask.any():
+        fields.bits(1, int(bool(mask.all())))
+        if not mask.all():
+            code_mask(state, buffer, fresh_mask_models(), np.zeros_like(mask), mask)
+        if scale.kind != RAW:
+            first = values[mask.astype(bool)][0]
+            scale = Scale(scale.kind, scale.step_m, round(first / scale.step_m))
+        scale, _ = code_scale(fields, scale, bound)
+        decoded = _code_values(fields, mask, scale, values)
+        _code_sigma(fields, mask, sigma_codes)
+    else:
+        decoded = np.full(values.shape, np.nan, np.float32)
+    return Mark(state, buffer).finish(length_is_known=True), decoded
+
+
+def _read(fields: Fields, length: int) -> tuple[Singles, Bools, Singles | None]:
+    rows, cols = fields.bits(12) + 1, fields.bits(12) + 1
+    some = fields.bits(1)
+    if has_run_out(fields.state):
+        raise CodecError(f"{length} bytes are too short for a grid")
+    if some and rows * cols * _LEAST_BITS_PER_CELL > 8 * (length + 16):
+        raise CodecError(f"{length} bytes cannot hold {rows} x {cols} cells")
+    elevation_m = np.full((rows, cols), np.nan, np.float32)
+    if not some:
+        return elevation_m, np.zeros((rows, cols), np.bool_), None
+    if fields.bits(1):
+        mask = np.ones((rows, cols), np.uint8)
+    else:
+        mask = np.zeros((rows, cols), np.uint8)
+        code_mask(fields.state, fields.buffer, fresh_mask_models(), mask.copy(), mask)
+    scale, _ = code_scale(fields, Scale(RAW, 1.0), _NO_BOUND)
+    decoded = _code_values(fields, mask, scale, None)
+    known = mask.astype(np.bool_)
+    codes = _code_sigma(fields, mask, None)
+    _refuse_cut(fields.state)
+    elevation_m[known] = decoded[known]
+    if codes is None:
+        return elevation_m, known, None
+    return elevation_m, known, np.where(known, sigma_of(codes), np.float32(np.nan))
+
+
+def _refuse_cut(state: Words) -> None:
+    if has_run_out(state):
+        raise CodecError("the bytes end before the grid does")
+
+
+def _code_values(
+    fields: Fields, mask: NDArray[np.uint8], scale: Scale, values: Floats | None
+) -> Singles:
+    """Code the elevations of the known cells; return what a receiver gets of them, (H, W)."""
+    if scale.kind == RAW:
+        return _code_raw(fields, mask, values)
+    shape = mask.shape
+    y = np.zeros(shape, np.int64) if values is None else scale.units(values)
+    x, sizes = np.zeros(shape, np.int64), np.zeros(shape, np.uint8)
+    top = top_spacing(*shape)
+    sweep(
+        fields.state,
+        fields.buffer,
+        fresh_residual_models(),
+        y,
+        mask,
+        x,
+        np.zeros(shape, np.uint8),
+        sizes,
+        top,
+        1,
+        steps_of(top),
+        scale.kind != BOUNDED,
+    )
+    return scale.metres(x)
+
+
+def _code_raw(fields: Fields, mask: NDArray[np.uint8], values: Floats | None) -> Singles:
+    known = mask.astype(np.bool_)
+    decoded = np.full(mask.shape, np.nan, np.float32)
+    words = np.zeros(int(known.sum()), np.int64)
+    if values is not None:
+        with np.errstate(over="ignore"):
+            words[:] = values[known].astype(np.float32).view(np.uint32)
+    code_words(fields.state, fields.buffer, words)
+    decoded[known] = words.astype(np.uint32).view(np.float32)
+    if not np.isfinite(decoded[known]).all() and values is None:
+        raise CodecError("an elevation in the bytes is not finite")
+    return decoded
+
+
+def _code_sigma(
+    fields: Fields, mask: NDArray[np.uint8], codes: NDArray[np.int64] | None
+) -> NDArray[np.int64] | None:
+    """Code blocks of standard deviations, if there are any; return one code per cell."""
+    if not fields.bits(1, int(codes is not None)):
+        return None
+    rows, cols = mask.shape
+    want = block_max(mask.astype(np.int64), _SIGMA_BLOCK).astype(np.uint8)
+    blocks = np.zeros(want.shape, np.int64)
+    if codes is not None:
+        blocks = block_max(codes, _SIGMA_BLOCK)
+    code_sigma_blocks(
+        fields.state, fields.buffer, fresh_sigma_models(), want, np.zeros_like(want), blocks
+    )
+    return spread(blocks, _SIGMA_BLOCK, rows, cols)
+
+
+def block_max(cells: NDArray[np.int64], side: int) -> NDArray[np.int64]:
+    """Return the largest of each block of side x side cells; the last blocks may be smaller."""
+    rows, cols = cells.shape
+    by_row = np.maximum.reduceat(cells, np.arange(0, rows, side), axis=0)
+    return np.maximum.reduceat(by_row, np.arange(0, cols, side), axis=1)
+
+
+def spread(blocks: NDArray[np.int64], side: int, rows: int, cols: int) -> NDArray[np.int64]:
+    """Return each block's value at each of its cells."""
+    return np.repeat(np.repeat(blocks, side, 0), side, 1)[:rows, :cols]

@@ -1,0 +1,287 @@
+"""What a scenario is: the settings of all rooms, a team, and what happens to it.
+
+Keys are defined beside the code that reads them (`agents.settings`, `sim.terrain`,
+`comms.profiles`); this file composes them and checks what concerns more than one.
+"""
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, cast
+
+import tomli_w
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from agents.settings import (
+    DriveSettings,
+    MapSettings,
+    PlannerSettings,
+    SensorSettings,
+    SharingSettings,
+    TetherSettings,
+)
+from comms.profiles import LinkChange, TeamLinks
+from comms.settings import Settings
+from scenarios.errors import ScenarioError
+from scenarios.events import Event, check_events, in_order, no_such_robot
+from scenarios.overrides import Override, apply_overrides, parse_override
+from scenarios.problems import Conflict, plain, refuse, sentences
+from scenarios.shelf import find, read
+from sim.settings import WorldSettings
+
+try:
+    from agents.strategies import STRATEGIES
+except ImportError:  # until it is there
+    STRATEGIES = ("information-interest",)
+
+MAX_ROBOTS = 64
+"""The largest team that the runner was tried with."""
+MAX_CELLS = 4096
+"""Longest side of a map."""
+
+Role = Literal["recon", "cliffbot", "anchor", "explorer"]
+MAPPERS: tuple[Role, ...] = ("recon", "explorer")
+"""Roles that map: they have a camera."""
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,31}$")]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+
+
+class ClockSettings(Settings):
+    """Which clock the robots live by."""
+
+    mode: Literal["virtual", "real"] = "virtual"
+    """Virtual: simulated time, as fast as it goes; real: the wall clock."""
+    speed: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    """Simulated seconds to one wall second, on the real clock."""
+
+
+class RobotSettings(Settings):
+    """One robot of the team."""
+
+    role: Role
+    start: tuple[float, float, float] | None = None
+    """x, y (m, world frame) and yaw (degrees, counter-clockwise from east); left out: placed."""
+    join_s: Annotated[float, Field(ge=0)] | None = None
+    """When it starts; left out: with the others."""
+
+
+class Scenario(Settings):
+    """One study: a team, its world, its radios, and what happens."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+    """Letters, digits, '.', '-' and '_', at most 64; the run's folder is called after it."""
+    title: str = ""
+    """One line for people."""
+    seed: Seed = 1
+    """Of all randomness."""
+    limit_s: Annotated[float, Field(gt=0, le=2_592_000)]
+    """Simulated time at which the run ends at the latest."""
+    air: Literal["zenoh", "memory"] = "zenoh"
+    """Zenoh: one process per robot; memory: all in one process."""
+    method: str = "information-interest"
+    """How the mappers choose their next look."""
+    clock: ClockSettings = ClockSettings()
+    world: WorldSettings = WorldSettings()
+    map: MapSettings = MapSettings()
+    sensor: SensorSettings = SensorSettings()
+    drive: DriveSettings = DriveSettings()
+    planner: PlannerSettings = PlannerSettings()
+    sharing: SharingSettings = SharingSettings()
+    tether: TetherSettings = TetherSettings()
+    links: TeamLinks = TeamLinks()
+    robots: Annotated[dict[Name, RobotSettings], Field(min_length=1, max_length=MAX_ROBOTS)]
+    """By name; in a file also `count` (and `role`) for explorer-1, explorer-2 ..."""
+    events: tuple[Event, ...] = ()
+
+    @field_validator("method")
+    @classmethod
+    def _known_method(cls, method: str) -> str:
+        if method not in STRATEGIES:
+            raise ValueError(f"must be one of {', '.join(STRATEGIES)}")
+        return method
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        refuse([*_check_team(self), *_check_links(self), *_check_numbers(self)])
+        joins_s = {name: robot.join_s or 0.0 for name, robot in self.robots.items()}
+        refuse(check_events(self.events, joins_s, self.limit_s))
+        return self
+
+    def joins_s(self, name: str) -> float:
+        """Return when a robot starts: with the others, at its `join_s`, or by an event."""
+        by_event = [e.at_s for e in self.events if e.kind == "join" and e.target == name]
+        return by_event[0] if by_event else self.robots[name].join_s or 0.0
+
+    def timeline(self) -> list[Event]:
+        """Return the events by time, those of one moment in the order of the file."""
+        return in_order(self.events)
+
+    def link_changes(self) -> list[LinkChange]:
+        """Return all changes of links, by time."""
+        return [event.link_change() for event in self.timeline() if event.kind == "link"]
+
+
+def expand_team(robots: Any) -> Any:
+    """Write `count` (and `role`) out as one table per robot: explorer-1, explorer-2 ...
+
+    Tables of single robots beside them add to the robots so named. What has no `count` is returned
+    as it is.
+
+    Raises:
+        ValueError: the count or the role is none, or a table names a robot beyond them.
+
+    """
+    if not isinstance(robots, dict) or "count" not in robots:
+        return cast("Any", robots)
+    robots = cast("dict[str, Any]", robots)
+    tables = {key: value for key, value in robots.items() if key not in ("count", "role")}
+    count, role = robots["count"], robots.get("role", "explorer")
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MAX_ROBOTS:
+        raise ValueError(f"count is {count!r}; must be a whole number from 1 to {MAX_ROBOTS}")
+    if role not in MAPPERS:
+        raise ValueError(f"role is {role!r}; beside count it must be one of {', '.join(MAPPERS)}")
+    team: dict[str, Any] = {f"{role}-{number}": {"role": role} for number in range(1, count + 1)}
+    strangers = sorted(tables.keys() - team.keys())
+    if strangers:
+        raise ValueError(f"count is {count}, which makes no robot {strangers[0]}")
+    return {name: {**own, **tables.get(name, {})} for name, own in team.items()}
+
+
+def _check_team(scenario: Scenario) -> list[Conflict]:
+    roles = [robot.role for robot in scenario.robots.values()]
+    counts = {role: roles.count(role) for role in ("cliffbot", "anchor")}
+    conflicts: list[Conflict] = []
+    if "all" in scenario.robots:
+        conflicts.append(Conflict("robots.all", "all", "is no name: `all` means all robots"))
+    if not any(role in MAPPERS for role in roles):
+        sentence = f"nobody maps; at least one robot must be one of {', '.join(MAPPERS)}"
+        conflicts.append(Conflict("robots", roles, sentence))
+    if counts["cliffbot"] > 1:
+        conflicts.append(Conflict("robots", roles, "at most one cliffbot is allowed"))
+    if counts["anchor"] != 2 * min(counts["cliffbot"], 1):
+        sentence = "a cliffbot hangs on two tethers: it needs exactly two anchors, others have none"
+        conflicts.append(Conflict("robots", roles, sentence))
+    for name, robot in scenario.robots.items():
+        if (robot.join_s or 0.0) >= scenario.limit_s:
+            sentence = f"must be below limit_s = {plain(scenario.limit_s)}"
+            conflicts.append(Conflict(f"robots.{name}.join_s", robot.join_s, sentence))
+    return conflicts
+
+
+def _check_links(scenario: Scenario) -> list[Conflict]:
+    team = list(scenario.robots)
+    said = [(f"links.robots.{name}", name, (name,)) for name in scenario.links.robots]
+    said += [(f"links.pairs.{pair}", pair, tuple(pair.split(">"))) for pair in scenario.links.pairs]
+    return [
+        Conflict(key, shown, no_such_robot(team))
+        for key, shown, names in said
+        if not all(name.strip() in team for name in names)
+    ]
+
+
+def _check_numbers(scenario: Scenario) -> list[Conflict]:
+    conflicts: list[Conflict] = []
+    clock, sensor = scenario.clock, scenario.sensor
+    if clock.mode == "virtual" and clock.speed != 1.0:
+        sentence = 'must be 1, unless clock.mode = "real" (--clock real)'
+        conflicts.append(Conflict("clock.speed", clock.speed, sentence))
+    if sensor.near_m >= sensor.range_m:
+        sentence = f"must be below sensor.range_m = {plain(sensor.range_m)}"
+        conflicts.append(Conflict("sensor.near_m", sensor.near_m, sentence))
+    if max(scenario.world.window_m) / scenario.map.cell_m > MAX_CELLS:
+        sentence = f"makes a map of more than {MAX_CELLS} cells a side (map.cell_m is too small)"
+        conflicts.append(Conflict("world.window_m", list(scenario.world.window_m), sentence))
+    return conflicts
+
+
+def load(
+    name_or_path: str,
+    overrides: Sequence[str | Override] = (),
+    seed: int | None = None,
+) -> Scenario:
+    """Return the scenario of a library name or file, changed by `key=value` overrides.
+
+    Raises:
+        ScenarioError: with one sentence per problem.
+
+    """
+    path = find(name_or_path)
+    changes = [parse_override(o) if isinstance(o, str) else o for o in overrides]
+    if seed is not None:
+        changes.append(Override(f"--seed {seed}", ("seed",), seed))
+    tables = read(path)
+    apply_overrides(tables, changes)
+    file_set = ("world", "terrain", "file") in {change.path for change in changes}
+    _place_file(tables, path, from_here=file_set)
+    return parse(tables, str(path), changes)
+
+
+def parse(tables: dict[str, Any], source: str, changes: Sequence[Override] = ()) -> Scenario:
+    """Check a scenario's tables; `source` and `changes` say in errors where a key came from.
+
+    Raises:
+        ScenarioError: with one sentence per problem.
+
+    """
+
+    def place(key: str) -> str:
+        whole = [c.option for c in changes if f"{key}.".startswith(f"{c.key}.")]
+        parts = [c.option for c in changes if c.key.startswith(f"{key}.")]
+        return whole[-1] if whole else " with ".join([source, *parts])
+
+    try:
+        tables = (
+            {**tables, "robots": expand_team(tables["robots"])} if "robots" in tables else tables
+        )
+    except ValueError as error:
+        raise ScenarioError([f"{place('robots')}: robots: {error}"]) from error
+    try:
+        # As JSON: strict about types, and lists are taken for tuples.
+        return Scenario.model_validate_json(json.dumps(tables, default=_refuse_date))
+    except ValueError as error:
+        if not isinstance(error, ValidationError):
+            raise ScenarioError([f"{source}: {error}"]) from error
+        raise ScenarioError(sentences(error, Scenario, place)) from error
+
+
+def _refuse_date(value: object) -> str:
+    raise ValueError(f"holds the date {value}; no key takes one (text stands in quotes)")
+
+
+def _place_file(tables: dict[str, Any], scenario: Path, *, from_here: bool) -> None:
+    """Make the path of a terrain file absolute: found beside the scenario, or from here."""
+    terrain: Any = tables.get("world", {})
+    terrain = terrain.get("terrain", {}) if isinstance(terrain, dict) else {}
+    file = terrain.get("file") if isinstance(terrain, dict) else None
+    if not isinstance(file, str) or not file:
+        return
+    folders = [scenario.parent.absolute(), Path.cwd()]
+    if from_here:
+        folders.reverse()
+    found = [folder / file for folder in folders if (folder / file).is_file()]
+    if not found:
+        places = " and ".join(dict.fromkeys(str(folder) for folder in folders))
+        option = f"--set world.terrain.file={file}" if from_here else str(scenario)
+        raise ScenarioError(
+            [f"{option}: world.terrain.file = {json.dumps(file)}: no such file (from {places})"]
+        )
+    terrain["file"] = os.path.normpath(found[0])
+
+
+def dump(scenario: Scenario) -> str:
+    """Return a scenario as TOML that loads back equal.
+
+    Every key is written out, and events come last: more `[[events]]` may be added at the end.
+    """
+    tables = scenario.model_dump(mode="json", exclude_none=True)
+    events: list[dict[str, Any]] = tables.pop("events")
+    tables["links"] = {key: value for key, value in tables["links"].items() if value != {}}
+    head = "# The complete scenario, defaults included. [[events]] may be added at the end.\n"
+    parts = [
+        head,
+        tomli_w.dumps(tables),
+        *(f"[[events]]\n{tomli_w.dumps(event)}" for event in events),
+    ]
+    return "\n".join(parts)

@@ -1,0 +1,189 @@
+"""Made-up ground: a cliff or a plain, from a seed.
+
+Every ingredient is drawn over metres, not cells (a fixed spectrum, rocks as a list, the edge as a
+curve), so that one seed gives one piece of ground, at whatever cell size it is then sampled.
+"""
+
+import math
+
+import cv2
+import numpy as np
+from scipy.spatial import cKDTree
+
+from agents.geometry import Bools, Floats, GridFrame, Singles
+from sim.errors import WorldError
+from sim.ground import Terrain
+from sim.resample import resample
+from sim.rocks import draw_rocks, rock_heights, within
+from sim.settings import TerrainSettings
+
+LATTICE = 512
+"""Points per side of the lattice on which noise is made."""
+PLATEAU_SHARE = 0.45
+"""Share of the window, at its north, that is plateau; the cliff falls to the south."""
+POOR, RICH = 0.03, 0.9
+"""Texture of ground that can't be matched, and of ordinary ground."""
+
+
+def fractal(exponent: float, rng: np.random.Generator, longest: float = 1.0) -> Floats:
+    """Return (LATTICE, LATTICE) noise of unit deviation whose 2-D spectrum falls as f^-exponent.
+
+    `longest` is the longest wavelength in it, as a share of the lattice.
+    """
+    f = np.hypot(np.fft.fftfreq(LATTICE)[:, None], np.fft.rfftfreq(LATTICE)[None, :]) * LATTICE
+    gain = np.where(f >= 1 / longest - 1e-9, np.maximum(f, 1.0) ** (-exponent / 2), 0.0)
+    shape = (LATTICE, LATTICE // 2 + 1)
+    spectrum = gain * (rng.standard_normal(shape) + 1j * rng.standard_normal(shape))
+    noise = np.fft.irfft2(spectrum, s=(LATTICE, LATTICE))
+    noise -= noise.mean()
+    return np.asarray(noise / noise.std(), dtype=np.float64)
+
+
+class _Sheet:
+    """A lattice of noise laid over the window, a little larger, so that its ends don't meet."""
+
+    def __init__(self, frame: GridFrame) -> None:
+        self.frame = frame
+        self.side_m = 1.2 * max(frame.rows, frame.cols) * frame.cell_m
+
+    def sampled(self, lattice: Floats) -> Singles:
+        """Return the lattice's values at the window's cell centres."""
+        step = self.frame.cell_m / self.side_m * lattice.shape[0]
+        return resample(lattice, step / 2, step / 2, step, self.frame.rows, self.frame.cols)
+
+
+def make_relief(settings: TerrainSettings, frame: GridFrame, rng: np.random.Generator) -> Terrain:
+    """Return a cliff or a plain over a frame.
+
+    Raises WorldError where the window can't hold the cliff.
+    """
+    sheet = _Sheet(frame)
+    height_m = settings.roughness_m * sheet.sampled(fractal(settings.roughness_exponent, rng))
+    edge_m = None
+    if settings.kind == "cliff":
+        edge_m = _edge(settings, frame, rng)
+        fall_m = _fall(settings, edge_m, frame)
+        height_m -= fall_m
+    else:
+        height_m += _swell(settings, sheet, rng)
+    height_m += _rocks(settings, frame, edge_m, rng)
+    return Terrain(frame, height_m, texture(settings.texture_poor, frame, rng), edge_m)
+
+
+def _swell(settings: TerrainSettings, sheet: _Sheet, rng: np.random.Generator) -> Singles:
+    longest = min(1.0, settings.swell_wavelength_m / sheet.side_m)
+    swell = sheet.sampled(fractal(6.0, rng, longest))
+    return np.asarray(settings.swell_m * np.clip(swell / 2, -1, 1), dtype=np.float32)
+
+
+def _edge(settings: TerrainSettings, frame: GridFrame, rng: np.random.Generator) -> Floats:
+    """Return the lip of the cliff, (M, 2), west to east, beyond the window on both sides."""
+    west, east, south, north = frame.extent_m
+    face_m = settings.drop_m / math.tan(math.radians(settings.slope_deg))
+    needed_m = 2 * settings.edge_meander_m + face_m + 6.0
+    if needed_m > north - south:
+        raise WorldError(
+            f"world.window_m is {north - south:g} m high, a cliff of drop_m {settings.drop_m:g},"
+            f" slope_deg {settings.slope_deg:g} and edge_meander_m {settings.edge_meander_m:g}"
+            f" needs at least {needed_m:.1f} m"
+        )
+    margin_m = settings.edge_meander_m + 2.0
+    middle_m = max(
+        min(north - PLATEAU_SHARE * (north - south), north - margin_m), south + face_m + margin_m
+    )
+    x = np.arange(west - face_m - 5, east + face_m + 5, 0.1)
+    wave = np.zeros(x.size)
+    for octave in range(3):
+        phase = rng.uniform(0, 2 * np.pi)
+        length_m = settings.edge_wavelength_m / 2**octave * rng.uniform(0.9, 1.1)
+        wave += 0.4**octave * np.sin(2 * np.pi * x / length_m + phase)
+    wave /= np.abs(wave).max()
+    return np.column_stack((x, middle_m + settings.edge_meander_m * wave))
+
+
+def _downhill(edge_m: Floats, frame: GridFrame) -> Singles:
+    """Return the horizontal distance past the lip, (rows, cols) in m; negative on the plateau."""
+    coarse_m = max(frame.cell_m, 0.2)
+    west, east, south, north = frame.extent_m
+    x = np.arange(west - coarse_m, east + 2 * coarse_m, coarse_m)
+    y = np.arange(south - coarse_m, north + 2 * coarse_m, coarse_m)
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    distance, _ = cKDTree(edge_m).query(points)
+    beyond = points[:, 1] < np.interp(points[:, 0], edge_m[:, 0], edge_m[:, 1])
+    signed = np.where(beyond, distance, -distance).reshape(y.size, x.size)
+    start = 1 + frame.cell_m / 2 / coarse_m
+    return resample(signed, start, start, frame.cell_m / coarse_m, frame.rows, frame.cols)
+
+
+def _fall(settings: TerrainSettings, edge_m: Floats, frame: GridFrame) -> Singles:
+    """Return how far the ground lies below the plateau, (rows, cols) in m.
+
+    A straight face between two bends (softplus), so that its steepness is the one asked for.
+    """
+    face_m = settings.drop_m / math.tan(math.radians(settings.slope_deg))
+    bend_m = min(settings.lip_m, face_m / 4)
+    s = _downhill(edge_m, frame).astype(np.float64)
+    fall = np.logaddexp(0, s / bend_m) - np.logaddexp(0, (s - face_m) / bend_m)
+    return np.asarray(settings.drop_m * fall * bend_m / face_m, dtype=np.float32)
+
+
+def _rocks(
+    settings: TerrainSettings,
+    frame: GridFrame,
+    edge_m: Floats | None,
+    rng: np.random.Generator,
+) -> Singles:
+    """Return the height of rocks above the ground, a jumble on the cliff's face included."""
+    heights = np.zeros(frame.shape, dtype=np.float32)
+    sizes = (settings.rock_min_m, settings.rock_max_m)
+    if settings.rock_fraction > 0:
+        heights = rock_heights(
+            draw_rocks(settings.rock_fraction, *sizes, frame.extent_m, rng), frame
+        )
+    if edge_m is not None and settings.jumble_m > 0 and settings.jumble_fraction > 0:
+        x, y = _jumble_centre(settings, frame, edge_m, rng)
+        r = settings.jumble_m / 2
+        drawn = draw_rocks(settings.jumble_fraction, *sizes, (x - r, x + r, y - r, y + r), rng)
+        heights = np.maximum(heights, rock_heights(within(drawn, x, y, r), frame))
+    return heights
+
+
+def _jumble_centre(
+    settings: TerrainSettings, frame: GridFrame, edge_m: Floats, rng: np.random.Generator
+) -> tuple[float, float]:
+    west, east, _, _ = frame.extent_m
+    x = (west + east) / 2 + rng.uniform(-1.0, 1.0)
+    lip_y = float(np.interp(x, edge_m[:, 0], edge_m[:, 1]))
+    face_m = settings.drop_m / math.tan(math.radians(settings.slope_deg))
+    return float(x), lip_y - 0.55 * face_m
+
+
+def texture(poor_share: float, frame: GridFrame, rng: np.random.Generator) -> Singles:
+    """Return how well ground can be matched, (rows, cols) in [0, 1], one region of it poorly."""
+    sheet = _Sheet(frame)
+    fine = sheet.sampled(fractal(2.5, rng))
+    shape = sheet.sampled(fractal(4.5, rng, longest=0.4))
+    rich = np.clip(RICH + 0.06 * fine, 0.6, 1.0)
+    if poor_share <= 0:
+        return np.asarray(rich, dtype=np.float32)
+    poor = _region(shape, poor_share).astype(np.float32)
+    width = max(3, 2 * round(0.3 / frame.cell_m) + 1)
+    blend = np.asarray(cv2.blur(poor, (width, width), borderType=cv2.BORDER_REPLICATE))
+    return np.asarray(rich + blend * (POOR - rich), dtype=np.float32)
+
+
+def _region(field: Singles, share: float) -> Bools:
+    """Return the connected region around a field's highest point that covers a share of it."""
+    peak = np.unravel_index(int(np.argmax(field)), field.shape)
+    rows, cols = np.indices(field.shape)
+    away = np.hypot(rows - peak[0], cols - peak[1]) / math.sqrt(share * field.size)
+    # Sinking away from its peak, the field spills over into no second basin at once.
+    hill = field - 1.5 * away
+    low, high = float(hill.min()), float(hill.max())
+    region = np.zeros(field.shape, dtype=np.bool_)
+    for _ in range(14):
+        level = (low + high) / 2
+        _, labels = cv2.connectedComponents((hill > level).astype(np.uint8), None, 4)
+        region = np.asarray(labels == labels[peak], dtype=np.bool_) & (hill > level)
+        low, high = (low, level) if region.mean() < share else (level, high)
+    return region

@@ -1,0 +1,73 @@
+"""What can be set about the world: the ground and the window that is taken of it."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from comms.settings import Settings
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Metres = Annotated[float, Field(ge=4, le=5000)]
+
+
+class TerrainSettings(Settings):
+    """Ground made from the seed (a cliff, a plain), or read from an elevation file."""
+
+    kind: Literal["cliff", "plain", "file"] = "cliff"
+    """Made-up ground, used while `file` is empty."""
+    file: str = ""
+    """Elevation file: .npz (`elevation` in m, NaN unknown, `cell_size` in m, row 0 north) or
+    GeoTIFF. Where it is given, `kind` and the keys of made-up ground say nothing."""
+    cell_m: Annotated[float, Field(gt=0, le=1000)] | None = None
+    """Reads the file's shapes at another scale: its cells are taken to be this large, and its
+    heights are scaled alike, so that slopes stay."""
+    drop_m: Annotated[float, Field(ge=0.5, le=200)] = 6.0
+    """Height of the cliff."""
+    slope_deg: Annotated[float, Field(ge=20, le=85)] = 50.0
+    """Steepness of the cliff's face."""
+    lip_m: Annotated[float, Field(ge=0.05, le=2)] = 0.25
+    """Length over which the face bends at its lip and its foot."""
+    edge_meander_m: Annotated[float, Field(ge=0, le=50)] = 2.5
+    """How far the edge strays to either side of a straight line."""
+    edge_wavelength_m: Annotated[float, Field(ge=2, le=500)] = 12.0
+    """Longest bay and spur of the edge."""
+    roughness_m: Annotated[float, Field(ge=0, le=5)] = 0.15
+    """Fractal ground: standard deviation of its height over the whole window."""
+    roughness_exponent: Annotated[float, Field(ge=2.5, le=5)] = 3.6
+    """Power spectral density of the fractal ground falls with frequency to this power."""
+    swell_m: Annotated[float, Field(ge=0, le=10)] = 0.4
+    """Height of a plain's long swells, to either side of the mean."""
+    swell_wavelength_m: Annotated[float, Field(ge=4, le=500)] = 14.0
+    rock_fraction: Annotated[float, Field(ge=0, le=0.5)] = 0.04
+    """k of Golombek's law: the share of the ground under rocks (Viking 1 0.07, Viking 2 0.18)."""
+    rock_min_m: Annotated[float, Field(ge=0.05, le=5)] = 0.1
+    """Smallest rock that is placed (diameter)."""
+    rock_max_m: Annotated[float, Field(ge=0.05, le=5)] = 1.2
+    jumble_m: Annotated[float, Field(ge=0, le=50)] = 3.0
+    """Diameter of a rock jumble on the middle of the cliff's face; 0 for none."""
+    jumble_fraction: Annotated[float, Field(ge=0, le=0.5)] = 0.25
+    """k of Golombek's law in the rock jumble."""
+    texture_poor: Annotated[float, Field(ge=0, le=0.6)] = 0.04
+    """Share of the ground, in one piece, that has too little texture to be ranged."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.kind == "file" and not self.file:
+            raise ValueError('kind "file" needs `file`, the path of an .npz or GeoTIFF')
+        if self.cell_m is not None and not self.file:
+            raise ValueError("cell_m is the scale of a file; made-up ground takes map.cell_m")
+        if self.rock_min_m > self.rock_max_m:
+            raise ValueError(
+                f"rock_min_m is {self.rock_min_m:g}, allowed is at most rock_max_m"
+                f" ({self.rock_max_m:g})"
+            )
+        return self
+
+
+class WorldSettings(Settings):
+    """The part of the world that is simulated."""
+
+    terrain: TerrainSettings = TerrainSettings()
+    window_m: Annotated[tuple[Metres, Metres], Field(strict=False)] = (32.0, 32.0)
+    """Width (east) and height (north) of the window."""
