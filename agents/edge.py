@@ -166,7 +166,7 @@ class GroundLayers:
     rim_m: Floats
     """Distance to the polygon's rim, the plateau's end or the map's border."""
     passable: Bools
-    """Inside, gentle, measured, and clear of rocks, holes and ledges."""
+    """Inside, gentle, measured, and clear of rocks and ledges."""
 
     def drivable(self, inset_m: float) -> Bools:
         """Return the passable cells that lie farther than `inset_m` from the rim."""
@@ -177,6 +177,7 @@ def ground_layers(
     edge: Edge,
     completed_m: Floats,
     known_distance_m: Floats,
+    sigma_m: Floats,
     *,
     cell_m: float,
     wheel_m: float,
@@ -188,7 +189,7 @@ def ground_layers(
     gentle = surface.plane_slope(completed_m, footprint_m, cell_m) <= math.tan(
         math.radians(max_slope_deg)
     )
-    rough = surface.hazards(completed_m, wheel_m, footprint_m, cell_m)
+    rough = surface.roughness(completed_m, wheel_m, footprint_m, cell_m, sigma_m).hazard
     blocked = rough | (known_distance_m > wheel_m)
     clear = markov.distance_to_known_m(blocked, cell_m) > 0.5 * footprint_m
     return GroundLayers(_distance_to_false_m(within, cell_m), within & gentle & clear)
@@ -198,6 +199,7 @@ def drivable(
     edge: Edge,
     completed_m: Floats,
     known_distance_m: Floats,
+    sigma_m: Floats,
     *,
     cell_m: float,
     wheel_m: float,
@@ -209,13 +211,14 @@ def drivable(
 
     Inside the polygon inset by `inset_m` (tolerance plus half the footprint: the polygon's chords
     may cut beyond the edge by the tolerance), on the plateau, not steeper than `max_slope_deg`
-    over the footprint, half a footprint clear of rocks, holes and ledges higher than half
+    over the footprint, half a footprint clear of rocks and ledges higher than half
     a wheel, and of ground farther than one wheel from measured ground. The map's border is a rim.
     """
     layers = ground_layers(
         edge,
         completed_m,
         known_distance_m,
+        sigma_m,
         cell_m=cell_m,
         wheel_m=wheel_m,
         footprint_m=footprint_m,

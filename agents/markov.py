@@ -17,6 +17,8 @@ from agents.geometry import Bools, Floats
 
 MAX_STEPS = 80
 """Conjugate-gradient steps at most; about ten do for any map we met."""
+ENOUGH_PAIRS = 200
+LEAST_ROUGHNESS_M = 0.03
 
 
 class MarkovError(AgentError):
@@ -121,6 +123,23 @@ def distance_to_known_m(known: Bools, cell_m: float) -> Floats:
     )
 
 
+def roughness_m(elevation_m: Floats, cell_m: float, *, unknown_m: float = 0.25) -> float:
+    """Return by how much known heights 1 m apart differ: the robust (median) standard deviation.
+
+    `unknown_m` is the answer where fewer than `ENOUGH_PAIRS` pairs of cells are known.
+    """
+    lag = max(1, round(1.0 / cell_m))
+    pairs = (
+        elevation_m[lag:] - elevation_m[:-lag],
+        elevation_m[:, lag:] - elevation_m[:, :-lag],
+    )
+    apart = np.abs(np.concatenate([pair.ravel() for pair in pairs]))
+    apart = apart[~np.isnan(apart)]
+    if len(apart) < ENOUGH_PAIRS:
+        return unknown_m
+    return max(LEAST_ROUGHNESS_M, 1.4826 * float(np.median(apart)))
+
+
 def estimated_sigma(
     distance_m: Floats,
     *,
@@ -131,8 +150,7 @@ def estimated_sigma(
     """Return the standard deviation (metres) of estimated cells, by distance to measured ground.
 
     Law: `sigma = min(ceiling, sigma_at_1m * (distance / 1 m) ** exponent)`, the structure
-    function of fractal ground with Hurst exponent 0.8: a height foretold from a point
-    1 m away errs by 0.25 m on ground with slopes of some 14 degrees. 0 on measured cells: theirs
-    comes from the sensor.
+    function of fractal ground with Hurst exponent 0.8; `sigma_at_1m` is best taken from the known
+    part of the map (`roughness_m`). 0 on measured cells: theirs comes from the sensor.
     """
     return np.minimum(ceiling_m, sigma_at_1m * distance_m**exponent)

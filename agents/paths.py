@@ -12,6 +12,8 @@ from comms.kernels import kernel
 
 CLEARANCE_WEIGHT = 3.0
 """By how much a cell beside a hazard costs more than open ground."""
+DOUBT_WEIGHT = 20.0
+"""By how much ground costs more that is all as rough as a hazard, but within the map's noise."""
 LEG_EXCESS = 1.02
 """A straight leg may cost that much more than the grid path it replaces: it is smoother."""
 
@@ -222,10 +224,11 @@ def traversability(
     """Return what a metre costs on every cell (H, W): 1 on open ground, inf where nobody may go.
 
     Without a tether: forbidden are slopes over the footprint steeper than `max_slope_deg`. On
-    tethers (the Cliff-bot) a steep smooth face is allowed. For both are forbidden: rocks, holes and
+    tethers (the Cliff-bot) a steep smooth face is allowed. For both are forbidden: rocks and
     ledges higher than half a wheel, cells unknown farther than one wheel from measured ground,
     cells whose sigma exceeds a wheel, and whatever is nearer than half a footprint to one of these;
-    up to one footprint farther the cost rises towards the hazard (to 1 + 3).
+    up to one footprint farther the cost rises towards the hazard (by up to 3). Ground that is rough
+    under the footprint, but not surely a hazard, costs up to 20 more: a way round is worth it.
 
     Args:
         elevation_m: (H, W), NaN where unknown.
@@ -235,10 +238,12 @@ def traversability(
     if not known.any():
         return np.full(elevation_m.shape, np.inf)
     whole = markov.complete(elevation_m)
-    unsure = known & ~(sigma_m <= wheel_m)
-    blocked = surface.hazards(whole, wheel_m, footprint_m, cell_m) | unsure
+    sigma = np.where(known, sigma_m, 0.0)
+    rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma)
+    blocked = rough.hazard | ~(sigma <= wheel_m)
     blocked |= markov.distance_to_known_m(known, cell_m) > wheel_m
     cost = _with_clearance(blocked, footprint_m, cell_m)
+    cost += DOUBT_WEIGHT * surface.mean_over(rough.doubt, surface.odd_cells(footprint_m, cell_m))
     if not tethered:
         steep = surface.plane_slope(whole, footprint_m, cell_m)
         cost[steep > math.tan(math.radians(max_slope_deg))] = np.inf

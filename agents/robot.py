@@ -137,13 +137,13 @@ class Robot:
         log: RobotLog,
         rng: np.random.Generator,
     ) -> None:
-        """Put a robot together; with a disk that holds a former life, it takes that up."""
+        """Put a robot together; on a disk that holds a former life (`Disk.begin`), take it up."""
         self.settings = settings
         self.hardware = hardware
         self.disk = disk
         self.log = log
         self.rng = rng
-        self.me = Origin(settings.index, disk.begin())
+        self.me = Origin(settings.index, disk.incarnation)
         self.grid = TileGrid(settings.frame, settings.map.tile_cells)
         self.own = OwnLayer(settings.frame)
         self.store = Store()

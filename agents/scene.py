@@ -84,8 +84,10 @@ class Scene:
     @cached_property
     def sigma_m(self) -> Floats:
         """(H, W) standard deviation of every cell, estimated ones included."""
-        known = ~np.isnan(self.view.elevation_m)
-        return np.where(known, self.view.sigma_m, markov.estimated_sigma(self.known_distance_m))
+        view = self.view
+        rough = markov.roughness_m(view.elevation_m, view.frame.cell_m)
+        guessed = markov.estimated_sigma(self.known_distance_m, sigma_at_1m=rough)
+        return np.where(np.isnan(view.elevation_m), guessed, view.sigma_m)
 
     @cached_property
     def obstacles_m(self) -> Floats:
@@ -156,7 +158,9 @@ class Scene:
             "footprint_m": drive.footprint_m,
             "max_slope_deg": drive.max_slope_deg,
         }
-        layers = edge.ground_layers(self.edge, self.ground_m, self.trusted_distance_m, **sizes)
+        layers = edge.ground_layers(
+            self.edge, self.ground_m, self.trusted_distance_m, self.sigma_m, **sizes
+        )
         cost = np.where(layers.drivable(drive.wheel_m + 0.5 * drive.footprint_m), 1.0, np.inf)
         beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
         cost[beside & layers.passable & np.isinf(cost)] = NEAR_COST

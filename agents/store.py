@@ -115,6 +115,7 @@ class Store:
         """Make an empty store."""
         self._tiles: dict[TileKey, dict[int, Version]] = {}
         self.anchors: dict[AnchorKey, Anchor] = {}
+        self._digest = ""
 
     def offer(self, chunk: Chunk) -> bool:
         """Take a chunk; return whether the store changed.
@@ -144,6 +145,7 @@ class Store:
         if chunk.version not in kept:
             return False
         self._tiles[chunk.key] = kept
+        self._digest = ""
         return True
 
     def offer_anchor(self, key: AnchorKey, anchor: Anchor) -> bool:
@@ -152,6 +154,7 @@ class Store:
         if mine is not None and mine.version >= anchor.version:
             return False
         self.anchors[key] = anchor
+        self._digest = ""
         return True
 
     def merge(self, other: "Store") -> None:
@@ -185,6 +188,8 @@ class Store:
 
     def digest(self) -> str:
         """Return a hash of keys and payloads: equal for equal stores, whatever the history."""
+        if self._digest:
+            return self._digest
         digest = hashlib.sha256()
         for key, version in self.all_versions():
             digest.update(repr((tuple(key), version.number, version.total)).encode())
@@ -193,7 +198,8 @@ class Store:
                 digest.update(version.data[start:end])
         for key in sorted(self.anchors):
             digest.update(repr((tuple(key), self.anchors[key])).encode())
-        return digest.hexdigest()
+        self._digest = digest.hexdigest()
+        return self._digest
 
     def copy(self) -> "Store":
         """Return an independent copy."""

@@ -20,10 +20,12 @@ import numpy as np
 
 from agents import gaze, surface, visibility
 from agents.errors import AgentError
-from agents.gaze import Lens
+from agents.gaze import Ground, Lens
 from agents.geometry import Floats, GridFrame, Ints, Pose, Singles, wrap_angle
 from agents.rating import rate
 from agents.scene import Scene, View
+from agents.settings import SensorSettings
+from agents.visibility import Patch
 
 FINE_RANGE_CELLS = 60
 """Candidates are rated on the map's own cells if the sensor reaches no more of them than this."""
@@ -83,17 +85,32 @@ class Gains:
 
 
 @dataclass(frozen=True)
-class _Coarse:
-    """The scene on the grid on which candidates are rated."""
+class _Stage:
+    """The scene on the grid on which looks are rated."""
 
     frame: GridFrame
-    ground_m: Floats
+    ground: Ground
     sigma_m: Floats
-    worth: Floats
-    gradient: tuple[Floats, Floats]
+
+    def patch(self, eye_m: tuple[float, float, float], sensor: SensorSettings) -> Patch:
+        """Return the visibility about an eye (moved on the grid, if coarsening cut it off)."""
+        west, east, south, north = self.frame.extent_m
+        inside = (
+            min(max(eye_m[0], west), math.nextafter(east, west)),
+            min(max(eye_m[1], south), math.nextafter(north, south)),
+            eye_m[2],
+        )
+        return visibility.predict(
+            self.ground.height_m,
+            self.sigma_m,
+            self.frame,
+            inside,
+            range_m=sensor.range_m,
+            near_m=sensor.near_m,
+        )
 
 
-def _coarse(scene: Scene, factor: int) -> _Coarse:
+def _stage(scene: Scene, factor: int) -> _Stage:
     """Join factor x factor cells: mean heights, root mean square sigma, summed worth."""
     frame = scene.view.frame
     joined = GridFrame(
@@ -108,20 +125,16 @@ def _coarse(scene: Scene, factor: int) -> _Coarse:
         blocks = values[: joined.rows * factor, : joined.cols * factor]
         return blocks.reshape(joined.rows, factor, joined.cols, factor).mean(axis=(1, 3))
 
-    ground = mean(scene.obstacles_m)
-    return _Coarse(
-        joined,
-        ground,
-        np.sqrt(mean(scene.sigma_m**2)),
+    north, east = surface.gradient(surface.smoothed(mean(scene.ground_m)), joined.cell_m)
+    ground = Ground(
+        mean(scene.obstacles_m),
+        north,
+        east,
         mean(scene.worth) * factor * factor,
-        _gradient(ground, joined.cell_m),
+        joined.cell_m,
+        frame.cell_m,
     )
-
-
-def _gradient(ground_m: Floats, cell_m: float) -> tuple[Floats, Floats]:
-    """Return dz/dy and dz/dx of the smoothed ground."""
-    north, east = np.gradient(surface.smoothed(ground_m), cell_m)
-    return north, east
+    return _Stage(joined, ground, np.sqrt(mean(scene.sigma_m**2)))
 
 
 def _eye(scene: Scene, cell: tuple[int, int]) -> tuple[float, float, float]:
@@ -134,52 +147,26 @@ def _eye(scene: Scene, cell: tuple[int, int]) -> tuple[float, float, float]:
 
 
 def look_gains(scene: Scene) -> Gains:
-    """Return the new information of every candidate look of a scene."""
+    """Return the new information of every candidate look of a scene.
+
+    A robot that can drive nowhere yet is offered the steepest tilt only: it has to see the ground
+    before its wheels, or it would look at the distance from where it stands until that is full.
+    """
     view, planner = scene.view, scene.view.planner
-    headings = np.arange(planner.headings) * (2.0 * math.pi / planner.headings)
+    headings = np.arange(planner.headings, dtype=np.float64) * (2.0 * math.pi / planner.headings)
     tilts = np.radians(np.array(planner.tilts_deg, dtype=np.float64))
-    fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
-    factor = 1 if fine or min(view.frame.shape) < 2 else 2
-    coarse = _coarse(scene, factor)
-    lens = Lens.of(view.sensor)
-    widths = gaze.half_widths(tilts, lens)
     cells = scene.candidates
+    if len(cells) == 1:
+        tilts = tilts.min(keepdims=True)
+    fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
+    stage = _stage(scene, 1 if fine or min(view.frame.shape) < 4 else 2)
+    lens = Lens.of(view.sensor)
     bits = np.empty((len(cells), len(headings), len(tilts)))
     for n, (row, col) in enumerate(cells.tolist()):
-        bins = _bins(coarse, _eye(scene, (row, col)), view, lens)
-        bits[n] = gaze.look_gains(bins, widths, headings)
+        patch = stage.patch(_eye(scene, (row, col)), view.sensor)
+        bins = gaze.gain_bins(patch, stage.ground, lens)
+        bits[n] = gaze.look_gains(bins, headings, tilts, lens)
     return Gains(cells, headings, tilts, bits, scene.travel[0][cells[:, 0], cells[:, 1]])
-
-
-def _bins(coarse: _Coarse, eye_m: tuple[float, float, float], view: View, lens: Lens) -> Floats:
-    """Return the bits about one eye by (elevation angle, azimuth)."""
-    frame, sensor = coarse.frame, view.sensor
-    inside = (
-        min(max(eye_m[0], frame.x_m), frame.x_m + frame.cols * frame.cell_m * (1 - 1e-12)),
-        min(max(eye_m[1], frame.y_m), frame.y_m + frame.rows * frame.cell_m * (1 - 1e-12)),
-        eye_m[2],
-    )
-    patch = visibility.predict(
-        coarse.ground_m,
-        coarse.sigma_m,
-        frame,
-        inside,
-        range_m=sensor.range_m,
-        near_m=sensor.near_m,
-    )
-    bins = np.zeros((gaze.ANGLE_BINS, gaze.AZIMUTH_BINS))
-    geometry = (
-        patch.row0,
-        patch.col0,
-        (inside[1] - frame.y_m) / frame.cell_m - 0.5,
-        (inside[0] - frame.x_m) / frame.cell_m - 0.5,
-        inside[2],
-        frame.cell_m,
-        view.frame.cell_m,
-        lens.ray_sr,
-    )
-    gaze.bin_gains(patch.p, coarse.ground_m, *coarse.gradient, coarse.worth, geometry, bins)
-    return bins
 
 
 def expected_visibility(view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
@@ -197,18 +184,11 @@ def _expected(
     scene: Scene, eye_m: tuple[float, float, float], heading_rad: float, tilt_rad: float
 ) -> Singles:
     view, lens = scene.view, Lens.of(scene.view.sensor)
-    patch = visibility.predict(
-        scene.obstacles_m,
-        scene.sigma_m,
-        view.frame,
-        eye_m,
-        range_m=view.sensor.range_m,
-        near_m=view.sensor.near_m,
-    )
+    stage = _stage(scene, 1)
+    patch = stage.patch(eye_m, view.sensor)
     h, w = patch.p.shape
     cut = (slice(patch.row0, patch.row0 + h), slice(patch.col0, patch.col0 + w))
-    north, east = _gradient(scene.ground_m, view.frame.cell_m)
-    seen = patch.p * gaze.sampled(patch, (north[cut], east[cut]), view.frame.cell_m, lens)
+    seen = gaze.measured_chance(patch, stage.ground, lens)
     seen[~gaze.in_view(patch, heading_rad, tilt_rad, lens)] = 0.0
     seen[(scene.obstacles_m > scene.ground_m)[cut]] = 0.0
     whole = np.zeros(view.frame.shape, dtype=np.float32)

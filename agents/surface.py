@@ -4,13 +4,20 @@ Windows are squares of an odd number of cells. Slopes come from a least-squares 
 the noise of single cells (which at 10 m is as large as a cell) doesn't look like steep ground.
 """
 
+import math
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
 from agents.geometry import Bools, Floats
 
-STEP_GAIN = 0.75
-"""What the 1-2-1 smoothing leaves of a sharp step's height."""
+SURE = 4.0
+"""Sigmas that a rock or a ledge must stand out to be believed: it bars half a footprint around."""
+COMPARED = 1.46
+"""Sigmas of one cell in a ledge's comparison of four cells: sqrt(2 + 2 / 16)."""
+CALM = 0.45
+"""Share of white noise that a 1-2-1 mean leaves in such a comparison (0.375 and correlation)."""
 
 
 def odd_cells(length_m: float, cell_m: float) -> int:
@@ -40,75 +47,105 @@ def plane_slope(surface_m: Floats, window_m: float, cell_m: float) -> Floats:
     return np.hypot(east, north)
 
 
+def gradient(surface_m: Floats, cell_m: float) -> tuple[Floats, Floats]:
+    """Return dz/dy and dz/dx (H, W) by central differences."""
+    return (
+        np.asarray(np.gradient(surface_m, cell_m, axis=0), dtype=np.float64),
+        np.asarray(np.gradient(surface_m, cell_m, axis=1), dtype=np.float64),
+    )
+
+
 def mean_over(values: Floats, side: int) -> Floats:
     """Return the mean (H, W) over a square of `side` cells about each cell, mirrored outside."""
-    return np.asarray(cv2.blur(values, (side, side), borderType=cv2.BORDER_REFLECT))
+    return np.asarray(
+        cv2.blur(values, (side, side), borderType=cv2.BORDER_REFLECT), dtype=np.float64
+    )
 
 
 def smoothed(surface_m: Floats) -> Floats:
     """Return the surface after a 1-2-1 mean in both directions."""
     weights = np.array([0.25, 0.5, 0.25])
     return np.asarray(
-        cv2.sepFilter2D(surface_m, cv2.CV_64F, weights, weights, borderType=cv2.BORDER_REFLECT)
+        cv2.sepFilter2D(surface_m, cv2.CV_64F, weights, weights, borderType=cv2.BORDER_REFLECT),
+        dtype=np.float64,
     )
 
 
-def bumps(surface_m: Floats, width_m: float, cell_m: float) -> Floats:
-    """Return by how many metres (H, W) a cell stands above or below ground wider than `width_m`.
+class Roughness(NamedTuple):
+    """What wheels should not meet; both (H, W)."""
 
-    White and black top-hat with a disc: 0 on any plane however steep, on cliff lips and feet;
-    the full height on rocks and in holes narrower than the disc.
+    hazard: Bools
+    doubt: Floats
+    """In [0, 1]: how nearly a cell is a hazard, noise taken at face value."""
+
+
+def roughness(
+    surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float, sigma_m: Floats
+) -> Roughness:
+    """Find the cells that hold a rock or a ledge higher than half a wheel.
+
+    A rock stands out of the straight line between the ground on both its sides in *every* one of
+    four directions, at the distance of a wheel or of half a footprint. A ledge rises by more over
+    one wheel than the slope over the footprint explains. A steep smooth face is neither, and a
+    lip or a crest stands out in some directions only.
+
+    What the noise of single cells (`sigma_m`, (H, W)) explains is no hazard, or a whole noisy map
+    would be one: heights are compared twice, as they are and after a 1-2-1 mean, which leaves
+    `CALM` of the noise, and each time something must stand out `SURE` sigmas of the comparison.
     """
-    element = disc(0.5 * width_m / cell_m)
-    opened = cv2.morphologyEx(surface_m, cv2.MORPH_OPEN, element, borderType=cv2.BORDER_REFLECT)
-    closed = cv2.morphologyEx(surface_m, cv2.MORPH_CLOSE, element, borderType=cv2.BORDER_REFLECT)
-    return np.maximum(surface_m - opened, closed - surface_m)
+    calm = standing_out(smoothed(surface_m), wheel_m, footprint_m, cell_m)
+    raw = standing_out(surface_m, wheel_m, footprint_m, cell_m)
+    noise_m = SURE * COMPARED * sigma_m
+    limit_m = 0.5 * wheel_m
+    hazard = (raw > np.maximum(limit_m, noise_m)) | (calm > np.maximum(limit_m, CALM * noise_m))
+    return Roughness(hazard, np.minimum(1.0, calm / limit_m) ** 2)
 
 
-def steps(surface_m: Floats, width_m: float, cell_m: float) -> Floats:
-    """Return the height (H, W) of the sharpest step at each cell, metres, in four directions.
+def standing_out(surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float) -> Floats:
+    """Return the height (H, W), metres, of the rock or ledge at each cell; noise included."""
+    out = ledges(surface_m, wheel_m, footprint_m, cell_m)
+    for reach_m in (wheel_m, 0.5 * footprint_m):
+        np.maximum(out, rocks(surface_m, reach_m, cell_m), out=out)
+    return out
 
-    A step rises more over one width than the ground does over the width before it *and* the
-    width after it: rock flanks and ledges count, however steep their surroundings; a steep
-    smooth face and its lip and foot do not.
+
+def rocks(surface_m: Floats, reach_m: float, cell_m: float) -> Floats:
+    """Return by how much (H, W), metres, a cell stands out of the ground `reach_m` around it.
+
+    The least over four directions of its height over the mean of the two cells so far off.
     """
-    reach = max(1, round(width_m / cell_m))
+    out = np.full(surface_m.shape, np.inf)
+    for dy, dx in _directions(reach_m / cell_m):
+        sides = _moved(surface_m, dy, dx) + _moved(surface_m, -dy, -dx)
+        np.minimum(out, surface_m - 0.5 * sides, out=out)
+    return out
+
+
+def ledges(surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float) -> Floats:
+    """Return the rise (H, W) over one wheel that the slope over the footprint leaves unexplained.
+
+    Metres, the largest of four directions.
+    """
+    near, far = _directions(0.5 * wheel_m / cell_m), _directions(0.5 * footprint_m / cell_m)
     out = np.zeros_like(surface_m)
-    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        length = reach if dy == 0 or dx == 0 else max(1, round(reach / np.sqrt(2.0)))
-        np.maximum(out, _steps_along(surface_m, dy * length, dx * length), out=out)
+    for (y1, x1), (y2, x2) in zip(near, far, strict=True):
+        rise = _moved(surface_m, y1, x1) - _moved(surface_m, -y1, -x1)
+        slope = _moved(surface_m, y2, x2) - _moved(surface_m, -y2, -x2)
+        share = math.hypot(y1, x1) / math.hypot(y2, x2)
+        np.maximum(out, np.abs(rise - share * slope), out=out)
     return out
 
 
-def _steps_along(surface_m: Floats, dy: int, dx: int) -> Floats:
-    height, width = surface_m.shape
-    pad_y, pad_x = 2 * abs(dy), 2 * abs(dx)
-    padded = np.pad(surface_m, ((pad_y, pad_y), (pad_x, pad_x)), mode="edge")
-
-    def moved(k: int) -> Floats:
-        top, left = pad_y + k * dy, pad_x + k * dx
-        return padded[top : top + height, left : left + width]
-
-    before = np.abs(moved(0) - moved(-1))
-    here = np.abs(moved(1) - moved(0))
-    after = np.abs(moved(2) - moved(1))
-    rise = np.maximum(0.0, here - np.maximum(before, after))
-    return np.maximum(rise, _shifted(rise, dy, dx))
+def _directions(length_cells: float) -> list[tuple[int, int]]:
+    """Return whole-cell steps (rows, columns) of a length in four directions."""
+    straight = max(1, round(length_cells))
+    slanted = max(1, round(length_cells * math.sqrt(0.5)))
+    return [(0, straight), (straight, 0), (slanted, slanted), (slanted, -slanted)]
 
 
-def _shifted(values: Floats, dy: int, dx: int) -> Floats:
-    """Return values moved by (dy, dx) cells, 0 where nothing moved in."""
-    out = np.zeros_like(values)
+def _moved(values: Floats, dy: int, dx: int) -> Floats:
+    """Return for every cell the value dy rows north and dx columns east, borders repeated."""
     height, width = values.shape
-    to_y, from_y = slice(max(0, dy), height + min(0, dy)), slice(max(0, -dy), height + min(0, -dy))
-    to_x, from_x = slice(max(0, dx), width + min(0, dx)), slice(max(0, -dx), width + min(0, -dx))
-    out[to_y, to_x] = values[from_y, from_x]
-    return out
-
-
-def hazards(surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float) -> Bools:
-    """Return cells (H, W) that hold a rock, a hole or a ledge higher than half a wheel."""
-    calm = smoothed(surface_m)
-    limit = 0.5 * wheel_m
-    ledge = steps(calm, wheel_m, cell_m) > STEP_GAIN * limit
-    return ledge | (bumps(calm, 2.0 * footprint_m, cell_m) > STEP_GAIN * limit)
+    rows = np.clip(np.arange(height) + dy, 0, height - 1)
+    cols = np.clip(np.arange(width) + dx, 0, width - 1)
+    return values[np.ix_(rows, cols)]

@@ -121,6 +121,7 @@ class TeamMap:
         self._drawn: dict[AnchorKey, Estimate] = {}
         self._decoded: dict[TileKey, list[tuple[tuple[int, int], DecodedTile]]] = {}
         self._fused: Estimate | None = None
+        self._heard: Estimate | None = None
 
     def tile_changed(self, key: TileKey) -> None:
         """Redraw a tile whose payload grew."""
@@ -131,11 +132,11 @@ class TeamMap:
         drawing.elevation_m[window] = tile.elevation_m
         drawing.variance_m2[window] = tile.variance_m2
         drawing.looks[window] = tile.looks
-        self._fused = None
+        self._fused = self._heard = None
 
     def own_changed(self) -> None:
         """Note that this robot measured something, or that an anchor moved."""
-        self._fused = None
+        self._fused = self._heard = None
 
     def tile_estimate(self, key: TileKey) -> Estimate:
         """Decode what the store has of a tile, before its anchor is applied.
@@ -180,7 +181,9 @@ class TeamMap:
 
     def as_heard(self) -> Estimate:
         """Return the team map with the own cells no finer than team-mates can have them."""
-        return self._fuse(own_as_sent=True)
+        if self._heard is None:
+            self._heard = self._fuse(own_as_sent=True)
+        return self._heard
 
     def known_entries(self) -> int:
         """Count the known (origin, submap, cell) entries, own unpublished cells included."""

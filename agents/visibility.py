@@ -1,27 +1,31 @@
 """Which cells an eye is likely to see: Sujan & Meggiolaro, Eq. 5.
 
 The paper multiplies Phi((ray_z(j) - h_j) / sigma_j) over the cells j under the ray to a target,
-as if the errors of neighbouring heights were independent. They are not: ground is smooth, an
-estimate errs for a whole stretch at once, and a look's levelling error lifts all of it. On open
-ground every cell just in front of a grazing target would count about 0.5, and a hundred of them
-hide everything. So here
+as if the errors of neighbouring heights were independent. They are not: ground is smooth, and an
+estimate errs for a whole stretch at once. On open ground every cell just in front of a grazing
+target would count about 0.5, and a hundred of them hide everything. So here
 
-    P_i = product over blocks b of min over cells j in b of Phi((ray_z(j) - h_j) / sigma_j)
+    P_i = min over cells j under the ray of Phi((ray_z(j) - h_j) / sigma_ij)
+    sigma_ij^2 = sigma_j^2 + (q sigma_i)^2 - 2 rho q sigma_j sigma_i,  rho = exp(-d_ij / CORRELATED_M)
 
-where a block is a stretch of `BLOCK_M` of the ray counted from the eye (errors inside it are
-taken as fully correlated, errors of different blocks as independent), and the last `REACH_M`
-before the target share the target's own error, so they hide it by geometry only where they rise
-`RISE_SIGMAS` above it. Both lengths were set by comparison with frequencies on fractal ground
-with rocks, partly known.
+where q = r_j / r_i is how much of the target's error the ray has at j: the errors along one ray
+stand or fall together, so the worst obstruction decides. The last `REACH_M` before the target
+share its error wholly and hide it by geometry alone, where they rise `RISE_SIGMAS` of their own above
+the ray. Both lengths were set by comparison with frequencies on made and real rough ground,
+partly known: of measured cells 95.5 % were visible and 95.1 % foretold, with frequencies near the
+probabilities in every class; of estimated cells 79 % and 70 %.
 
 Heights under the ray are those of the cells that the ray's points, one cell length apart, fall
-in; the ray's bearing is the nearest of a fan whose neighbours are one cell apart at full range, so it
-passes a target's centre within half a cell.
+in; the ray's bearing is the nearest of a fan whose neighbours are one cell apart at full range, so
+it passes a target's centre within half a cell. A fan is laid once per eye: the slope at which each
+point is seen, and per block of points the steepest slope that any of them may hide, so that
+most blocks are passed over by one comparison.
 """
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,19 +34,31 @@ from agents.geometry import Floats, GridFrame, Singles
 from comms import kernels
 from comms.kernels import kernel
 
-BLOCK_M = 4.0
-"""Length of the stretches of a ray whose errors are taken as independent of each other."""
+BLOCK = 8
+"""Points of a ray that are passed over together."""
 REACH_M = 0.3
 """Obstructions this near to the target share its error."""
+CORRELATED_M = 4.0
+"""Distance at which the correlation of two cells' errors has fallen to 1/e."""
+RISE_SIGMAS = 2.0
+"""By how many of its own sigmas ground just before a target must rise to hide it."""
 CERTAIN = 4.0
 """Sigmas of clearance that count as certainty (1 - Phi = 3e-5)."""
-HIDDEN = 1e-4
-"""A probability below this is taken as 0."""
+HIDDEN = -3.7
+"""Sigmas of clearance below which a probability is taken as 0 (Phi = 1e-4)."""
 LEAST_SIGMA_M = 1e-4
 
 
 class VisibilityError(AgentError):
     """An eye or a range that no visibility can be predicted for."""
+
+
+class Eye(NamedTuple):
+    """An eye in a grid: row and column in cells (centres at whole numbers), height in metres."""
+
+    row: float
+    col: float
+    z_m: float
 
 
 @dataclass(frozen=True)
@@ -53,22 +69,18 @@ class Patch:
     col0: int
     p: Singles
     """(h, w) Eq. 5; 0 beyond the range and nearer than the sensor's near limit."""
-    frame: GridFrame
-    eye_m: tuple[float, float, float]
     surface_m: Floats
     """(h, w) heights of the targets."""
+    eye: Eye
+    cell_m: float
 
     @cached_property
     def _offsets_m(self) -> tuple[Floats, Floats, Floats]:
         h, w = self.p.shape
-        x0, y0 = self.frame.centre_of(self.row0, self.col0)
-        dx = x0 - self.eye_m[0] + np.arange(w) * self.frame.cell_m
-        dy = y0 - self.eye_m[1] + np.arange(h) * self.frame.cell_m
-        return np.broadcast_to(dx, (h, w)), np.broadcast_to(dy[:, None], (h, w)), self._rise_m
-
-    @property
-    def _rise_m(self) -> Floats:
-        return self.surface_m - self.eye_m[2]
+        dx = (self.col0 + np.arange(w) - self.eye.col) * self.cell_m
+        dy = (self.row0 + np.arange(h) - self.eye.row) * self.cell_m
+        east, north = np.meshgrid(dx, dy)
+        return east, north, self.surface_m - self.eye.z_m
 
     @cached_property
     def azimuth_rad(self) -> Floats:
@@ -89,6 +101,27 @@ class Patch:
         return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
+class Fan(NamedTuple):
+    """Rays laid from an eye; arrays (bearings, points) but the last two."""
+
+    slope: np.ndarray
+    """Rise over run at which a point is seen; very low off the map."""
+    spread: np.ndarray
+    """Standard deviation of the slope."""
+    top: np.ndarray
+    """(bearings, blocks) steepest slope that a point of the block may still hide."""
+    rho: np.ndarray
+    """(points,) correlation of the errors of points so many apart."""
+
+
+class Reach(NamedTuple):
+    """Limits of a prediction: near and far in metres, the target's reach in points."""
+
+    near_m: float
+    far_m: float
+    shared: int
+
+
 @kernel
 def phi(z: float) -> float:
     """Return the standard normal distribution function."""
@@ -96,120 +129,95 @@ def phi(z: float) -> float:
 
 
 @kernel
-def _fan(
-    surface: np.ndarray,
-    sigma: np.ndarray,
-    eye: tuple[float, float, float],
-    cell: float,
-    block: int,
-    slope: np.ndarray,
-    weight: np.ndarray,
-    top: np.ndarray,
-) -> None:
-    """Lay rays from the eye: slope and 1/sigma in slope units per point, top per block.
-
-    `eye` is (row, column) in cells and height; points off the map obstruct nothing.
-    """
-    bearings, points = slope.shape
+def _lay(surface: np.ndarray, sigma: np.ndarray, eye: Eye, cell: float, fan: Fan) -> None:
+    """Fill a fan; points off the map obstruct nothing."""
+    bearings, points = fan.slope.shape
     h, w = surface.shape
+    fan.top[:] = -1e30
+    fan.slope[:] = -1e30
+    fan.spread[:] = 1.0
     for b in range(bearings):
         angle = 2.0 * math.pi * b / bearings
         dy, dx = math.sin(angle), math.cos(angle)
-        for k in range(top.shape[1]):
-            top[b, k] = -1e30
         for k in range(points):
             steps = k + 1.0
-            i = math.floor(eye[0] + steps * dy + 0.5)
-            j = math.floor(eye[1] + steps * dx + 0.5)
-            slope[b, k] = -1e30
-            weight[b, k] = 1.0
+            i = math.floor(eye.row + steps * dy + 0.5)
+            j = math.floor(eye.col + steps * dx + 0.5)
             if i < 0 or j < 0 or i >= h or j >= w:
-                continue
-            distance = steps * cell
-            spread = max(sigma[i, j], 1e-4) / distance
-            slope[b, k] = (surface[i, j] - eye[2]) / distance
-            weight[b, k] = 1.0 / spread
-            top[b, k // block] = max(top[b, k // block], slope[b, k] + 4.0 * spread)
+                break
+            spread = max(sigma[i, j], LEAST_SIGMA_M) / (steps * cell)
+            slope = (surface[i, j] - eye.z_m) / (steps * cell)
+            fan.spread[b, k], fan.slope[b, k] = spread, slope
+            fan.top[b, k // BLOCK] = max(fan.top[b, k // BLOCK], slope + CERTAIN * spread)
 
 
 @kernel
-def _clear(
-    target: float,
-    count: int,
-    block: int,
-    slope: np.ndarray,
-    weight: np.ndarray,
-    top: np.ndarray,
-) -> float:
-    """Return the probability that a ray of a slope clears the first `count` points."""
-    chance = 1.0
-    for b in range((count + block - 1) // block):
-        if top[b] <= target:
+def _clear(fan: Fan, b: int, target: tuple[float, float], count: int, reach: Reach) -> float:
+    """Return the chance that a ray to a target (slope, its spread) clears `count` points."""
+    slope, spread = target
+    start = max(0, count - reach.shared)
+    for k in range(start, count):
+        if fan.slope[b, k] - slope > RISE_SIGMAS * fan.spread[b, k]:
+            return 0.0
+    least = CERTAIN * CERTAIN
+    for n in range((start + BLOCK - 1) // BLOCK):
+        if fan.top[b, n] + CERTAIN * spread <= slope:
             continue
-        least = 4.0
-        for k in range(b * block, min(count, (b + 1) * block)):
-            least = min(least, (target - slope[k]) * weight[k])
-        if least < 4.0:
-            chance *= phi(least)
-            if chance < 1e-4:
-                return 0.0
-    return chance
+        for k in range(n * BLOCK, min(start, (n + 1) * BLOCK)):
+            free = slope - fan.slope[b, k]
+            own = fan.spread[b, k]
+            squared = own * own + spread * (spread - 2.0 * fan.rho[count - k] * own)
+            least = min(least, free * abs(free) / max(squared, 1e-12))
+        if least < -HIDDEN * HIDDEN:
+            return 0.0
+    if least >= CERTAIN * CERTAIN:
+        return 1.0
+    return phi(math.copysign(math.sqrt(abs(least)), least))
 
 
 @kernel
 def _predict(
-    surface: np.ndarray,
-    sigma: np.ndarray,
-    eye: tuple[float, float, float],
-    cell: float,
-    limits_m: tuple[float, float],
-    sizes: tuple[int, int],
-    corner: tuple[int, int],
-    bearings: int,
-    out: np.ndarray,
-) -> None:
-    """Fill `out` with Eq. 5 for the cells from `corner` on; sizes: block and reach in points."""
-    block, reach = sizes
-    near, far = limits_m
-    points = int(far / cell) + 1
-    slope = np.empty((bearings, points))
-    weight = np.empty((bearings, points))
-    top = np.empty((bearings, (points + block - 1) // block))
-    _fan(surface, sigma, eye, cell, block, slope, weight, top)
+    surface: np.ndarray, sigma: np.ndarray, eye: Eye, cell: float, reach: Reach, fan: Fan
+) -> np.ndarray:
+    """Return Eq. 5 for the whole square about the eye that lies on the map."""
+    row0, row1, col0, col1 = window(eye, reach.far_m, cell, surface.shape)
+    _lay(surface, sigma, eye, cell, fan)
+    bearings = fan.slope.shape[0]
     turn = bearings / (2.0 * math.pi)
-    h, w = out.shape
-    for i in range(h):
-        dy = corner[0] + i - eye[0]
-        for j in range(w):
-            dx = corner[1] + j - eye[1]
+    out = np.zeros((row1 - row0, col1 - col0), dtype=np.float32)
+    for i in range(row0, row1):
+        dy = i - eye.row
+        for j in range(col0, col1):
+            dx = j - eye.col
             flat = math.sqrt(dx * dx + dy * dy)
-            rise = surface[corner[0] + i, corner[1] + j] - eye[2]
-            distance = math.sqrt(flat * flat * cell * cell + rise * rise)
-            out[i, j] = 0.0
-            if distance > far or distance < near:
+            run = flat * cell
+            rise = surface[i, j] - eye.z_m
+            distance = math.sqrt(run * run + rise * rise)
+            if distance > reach.far_m or distance < reach.near_m:
                 continue
             if flat < 1.0:
-                out[i, j] = 1.0
+                out[i - row0, j - col0] = 1.0
                 continue
             b = math.floor(math.atan2(dy, dx) * turn + 0.5) % bearings
-            target = rise / (flat * cell)
+            target = (rise / run, sigma[i, j] / run)
             count = math.floor(flat + 0.5) - 1
-            far_count = max(0, count - reach)
-            chance = _clear(target, far_count, block, slope[b], weight[b], top[b])
-            if chance > 0.0:
-                chance = _shaded(target, far_count, count, slope[b], weight[b], chance)
-            out[i, j] = chance
+            out[i - row0, j - col0] = _clear(fan, b, target, count, reach)
+    return out
 
 
 @kernel
-def _shaded(
-    target: float, start: int, end: int, slope: np.ndarray, weight: np.ndarray, chance: float
-) -> float:
-    """Return `chance`, or 0 where a point start..end-1 rises clearly above the ray."""
-    for k in range(start, end):
-        if (slope[k] - target) * weight[k] > 2.0:
-            return 0.0
-    return chance
+def window(
+    eye: Eye, far_m: float, cell: float, shape: tuple[int, int]
+) -> tuple[int, int, int, int]:
+    """Return first and past-last rows and columns that an eye can reach on the map."""
+    side = math.ceil(far_m / cell)
+    row, col = math.floor(eye.row + 0.5), math.floor(eye.col + 0.5)
+    return (
+        max(0, row - side),
+        min(shape[0], row + side + 1),
+        max(0, col - side),
+        min(shape[1], col + side + 1),
+    )
 
 
 def predict(
@@ -239,39 +247,36 @@ def predict(
         raise VisibilityError(f"the eye at {eye_xyz} lies outside the map {frame.extent_m}")
     if not range_m > 0:
         raise VisibilityError(f"a range of {range_m} m sees nothing: it must be more than 0")
-    reach = math.ceil(range_m / frame.cell_m)
-    row0, col0 = max(0, row - reach), max(0, col - reach)
-    rows = slice(row0, min(frame.rows, row + reach + 1))
-    cols = slice(col0, min(frame.cols, col + reach + 1))
-    targets = completed_m[rows, cols]
-    p = np.empty(targets.shape, dtype=np.float32)
-    eye = (
+    eye = Eye(
         (eye_xyz[1] - frame.y_m) / frame.cell_m - 0.5,
         (eye_xyz[0] - frame.x_m) / frame.cell_m - 0.5,
-        eye_xyz[2],
+        float(eye_xyz[2]),
     )
-    _predict(
-        completed_m,
-        sigma_m,
-        eye,
-        frame.cell_m,
-        (near_m, range_m),
-        lengths(frame.cell_m),
-        (row0, col0),
-        fan_size(range_m, frame.cell_m),
-        p,
+    reach = Reach(near_m, range_m, shared_points(frame.cell_m))
+    fan = _empty_fan(range_m, frame.cell_m)
+    p = _predict(completed_m, sigma_m, eye, frame.cell_m, reach, fan)
+    row0, row1, col0, col1 = window(eye, range_m, frame.cell_m, frame.shape)
+    return Patch(row0, col0, p, completed_m[row0:row1, col0:col1], eye, frame.cell_m)
+
+
+def shared_points(cell_m: float) -> int:
+    """Return how many points before a target share its error."""
+    return round(REACH_M / cell_m)
+
+
+def fan_size(range_m: float, cell_m: float) -> tuple[int, int]:
+    """Return bearings (one cell apart at full range, at least 16) and points of a fan."""
+    return max(16, math.ceil(2.0 * math.pi * range_m / cell_m)), math.ceil(range_m / cell_m) + 1
+
+
+def _empty_fan(range_m: float, cell_m: float) -> Fan:
+    bearings, points = fan_size(range_m, cell_m)
+    return Fan(
+        np.empty((bearings, points)),
+        np.empty((bearings, points)),
+        np.empty((bearings, (points + BLOCK - 1) // BLOCK)),
+        np.exp(-np.arange(points + 1) * cell_m / CORRELATED_M),
     )
-    return Patch(row0, col0, p, frame, eye_xyz, targets)
-
-
-def lengths(cell_m: float) -> tuple[int, int]:
-    """Return a block and the target's reach in points of a ray."""
-    return max(1, round(BLOCK_M / cell_m)), round(REACH_M / cell_m)
-
-
-def fan_size(range_m: float, cell_m: float) -> int:
-    """Return the number of bearings: one cell apart at full range, at least 16."""
-    return max(16, math.ceil(2.0 * math.pi * range_m / cell_m))
 
 
 @kernels.warmer

@@ -56,11 +56,19 @@ class Transmitter:
     charged. A link that is down holds nobody up.
     """
 
-    def __init__(self, profiles: Mapping[str, LinkProfile], rng: np.random.Generator) -> None:
-        """Take the link to each team-mate, in roster order, and the source of jitter."""
+    def __init__(
+        self,
+        profiles: Mapping[str, LinkProfile],
+        rng: np.random.Generator,
+        first_number: int = 0,
+    ) -> None:
+        """Take the link to each team-mate, in roster order, and the source of jitter.
+
+        `first_number` is not 0 where the robot's radio goes on after a restart.
+        """
         self._profiles = dict(profiles)
         self._rng = rng
-        self._number = 0
+        self._number = first_number
         self._free_at_ns = 0
         self._last_arrival_ns = dict.fromkeys(self._profiles, 0)
 

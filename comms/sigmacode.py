@@ -64,9 +64,7 @@ def _code_step(coder: Words, buffer: Bytes, models: Models, moved: int, step: in
         return 0
     up = code_adaptive(coder, buffer, models, _SIGN, int(step > 0))
     size, k = abs(step), 1
-    while k < _UNARY and code_adaptive(
-        coder, buffer, models, _MORE + min(k, 8) - 1, int(size > k)
-    ):
+    while k < _UNARY and code_adaptive(coder, buffer, models, _MORE + min(k, 8) - 1, int(size > k)):
         k += 1
     return k if up else -k
 

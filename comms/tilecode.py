@@ -278,9 +278,7 @@ def _painted(tile: _Tile, models: _Models) -> Singles:
     return tile.scale.metres(canvas.x)
 
 
-def _picture(
-    tile: _Tile, models: _Models, bound_m: float, level: int, levels: int
-) -> DecodedTile:
+def _picture(tile: _Tile, models: _Models, bound_m: float, level: int, levels: int) -> DecodedTile:
     known = tile.told.astype(np.bool_)
     elevation_m = np.where(known, _painted(tile, models), np.float32(np.nan))
     sigma_m = sigma_of(spread(tile.codes, _SIGMA_BLOCK, *known.shape))
@@ -314,9 +312,7 @@ def _encode_at(
     _code_head(fields, (known.shape, bound, levels, base))
     marks: list[Mark] = []
     for level, (code, told) in enumerate(_plan(errors_m, known, bound, levels)):
-        _code_level(
-            fields, models, tile, level, levels, replace(truth, told=told, bound_code=code)
-        )
+        _code_level(fields, models, tile, level, levels, replace(truth, told=told, bound_code=code))
         marks.append(Mark(state, buffer))
     data = marks[-1].finish(length_is_known=False)
     return EncodedTile(data, tuple(mark.bytes_needed(data) for mark in marks))
@@ -380,9 +376,7 @@ def _tell(flags: Bools, side: int, shape: tuple[int, int]) -> Flags:
     return spread(flags.astype(np.int64), side, *shape).astype(np.uint8)
 
 
-def _best_code(
-    blocks: Floats, bound: Bound, lowest_m: float, highest: int, relief_m: float
-) -> int:
+def _best_code(blocks: Floats, bound: Bound, lowest_m: float, highest: int, relief_m: float) -> int:
     best, best_worth = highest, -1.0
     for code in range(highest, -1, -1):
         level_m = bound_of_level(bound, code)

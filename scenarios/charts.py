@@ -1,5 +1,6 @@
 """What the radios carried and what it brought, over time: the lower half of the overview."""
 
+from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,17 +48,18 @@ def draw_bytes_by_robot(axes: "Axes", records: Records) -> None:
     """Draw what every byte was spent on: one bar per robot, cut by kind."""
     axes.set_title("What every byte was spent on")
     axes.set_xlabel("kB sent")
-    names = list(records.robots)
+    sizes = Counter[tuple[str, str]]()
+    for tx in records.frames:
+        sizes[(tx.sender, tx.kind)] += tx.bytes
+    totals = {
+        name: sum(n for (who, _), n in sizes.items() if who == name) for name in records.robots
+    }
+    names = sorted(records.robots, key=lambda name: (-totals[name], name))
     left = np.zeros(len(names))
-    for kind in in_kind_order(tx.kind for tx in records.frames):
-        sizes = np.array(
-            [
-                sum(t.bytes for t in records.frames if (t.sender, t.kind) == (name, kind))
-                for name in names
-            ]
-        )
-        axes.barh(names, sizes / 1000, left=left / 1000, color=kind_colour(kind), height=0.62)
-        left += sizes
+    for kind in in_kind_order(kind for _, kind in sizes):
+        widths = np.array([sizes[(name, kind)] for name in names])
+        axes.barh(names, widths / 1000, left=left / 1000, color=kind_colour(kind), height=0.62)
+        left += widths
     if not left.any():
         return _nothing(axes, "nothing was sent")
     for row, total in enumerate(left):
@@ -107,7 +109,8 @@ def _mark_incidents(axes: "Axes", records: Records) -> None:
             rotation=90,
             ha="right",
             va="top",
-            fontsize=8.5,
+            fontsize=9,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1},
         )
 
 

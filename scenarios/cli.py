@@ -156,18 +156,31 @@ def _list(_: argparse.Namespace) -> int:
 
 
 def _check(args: argparse.Namespace) -> int:
-    from scenarios.schema import load  # noqa: PLC0415
+    codes = [_check_one(file) for file in args.files]
+    return max(codes)
 
-    code = OK
-    for file in args.files:
-        try:
-            scenario = load(file)
-        except ScenarioError as error:
-            print(error, file=sys.stderr)
-            code = BAD_INPUT
-        else:
-            print(f"{file}: fine ({', '.join(scenario.robots)})")
-    return code
+
+def _check_one(file: str) -> int:
+    """Check a scenario, its ground included."""
+    from numpy.random import default_rng  # noqa: PLC0415
+
+    from scenarios.schema import load  # noqa: PLC0415
+    from sim.errors import WorldError  # noqa: PLC0415
+    from sim.terrain import make_terrain  # noqa: PLC0415
+
+    try:
+        scenario = load(file)
+        roles = [robot.role for robot in scenario.robots.values()]
+        ground = (scenario.world, scenario.map.cell_m, default_rng(scenario.seed), roles)
+        make_terrain(*ground, footprint_m=scenario.drive.footprint_m)
+    except ScenarioError as error:
+        print(error, file=sys.stderr)
+    except WorldError as error:
+        print(f"{file}: {error}", file=sys.stderr)
+    else:
+        print(f"{file}: fine ({', '.join(scenario.robots)})")
+        return OK
+    return BAD_INPUT
 
 
 def _run(args: argparse.Namespace) -> int:

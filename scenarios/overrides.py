@@ -120,12 +120,21 @@ def _index(items: list[Any], part: str, override: Override, depth: int) -> int:
 def _settle_terrain(tables: dict[str, Any], paths: set[tuple[str, ...]]) -> None:
     """Let a terrain file say that the ground comes from a file, and a made ground drop the file.
 
-    So `--set world.terrain.file=x.npz` alone turns any scenario to measured ground.
+    So `--set world.terrain.file=x.npz` alone turns any scenario to measured ground, and
+    `--set world.terrain.kind=plain` turns it back.
     """
-    kind, file, scale = ((*_TERRAIN, key) for key in ("kind", "file", "cell_m"))
-    if file in paths and kind not in paths:
-        tables["world"]["terrain"]["kind"] = "file"
-    elif kind in paths and file not in paths and tables["world"]["terrain"]["kind"] != "file":
-        tables["world"]["terrain"].pop("file", None)
-        if scale not in paths:
-            tables["world"]["terrain"].pop("cell_m", None)
+    kind_set, file_set, scale_set = (
+        (*_TERRAIN, key) in paths for key in ("kind", "file", "cell_m")
+    )
+    if not (kind_set or file_set):
+        return
+    terrain: dict[str, Any] = tables["world"]["terrain"]
+    if file_set and not kind_set:
+        if terrain["file"]:
+            terrain["kind"] = "file"
+        elif terrain.get("kind") == "file":
+            del terrain["kind"]
+    if kind_set and not file_set and terrain["kind"] != "file":
+        terrain.pop("file", None)
+    if not terrain.get("file") and not scale_set:
+        terrain.pop("cell_m", None)

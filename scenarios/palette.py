@@ -1,27 +1,27 @@
-"""Colours of robots and frame kinds: Okabe and Ito's set, told apart by colour-blind readers too."""
+"""Colours of robots (Okabe and Ito) and frame kinds (Tol): the colour-blind tell them apart too."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 INK = "#1d2430"
 MUTED = "#8a92a0"
 
 _ROBOTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _KINDS = {
-    "MAP": "#0072b2",
-    "ANCHOR": "#56b4e9",
-    "DIGEST": "#e69f00",
-    "STATUS": "#009e73",
-    "TETHER": "#d55e00",
-    "FIX": "#cc79a7",
-    "STOP": "#1d2430",
+    "MAP": "#332288",
+    "ANCHOR": "#88ccee",
+    "DIGEST": "#ddcc77",
+    "STATUS": "#44aa99",
+    "TETHER": "#cc6677",
+    "FIX": "#999933",
+    "STOP": "#882255",
 }
 _OTHER_KIND = "#999999"
 _MARKERS = {"recon": "o", "explorer": "o", "cliffbot": "v", "anchor": "s"}
 
 
-def robot_colours(names: Sequence[str]) -> dict[str, str]:
-    """Return a colour per robot, in the order given; they come round again after six."""
-    return {name: _ROBOTS[index % len(_ROBOTS)] for index, name in enumerate(names)}
+def robot_colours(names: Iterable[str]) -> dict[str, str]:
+    """Return a colour per robot, by name; they come round again after six."""
+    return {name: _ROBOTS[index % len(_ROBOTS)] for index, name in enumerate(sorted(names))}
 
 
 def kind_colour(kind: str) -> str:
@@ -31,9 +31,8 @@ def kind_colour(kind: str) -> str:
 
 def in_kind_order(kinds: Iterable[str]) -> list[str]:
     """Return the kinds that there are, maps first; unknown ones last, by name."""
-    order = list(_KINDS)
-    known = lambda kind: order.index(kind) if kind in order else len(order)
-    return sorted(set(kinds), key=lambda kind: (known(kind.upper()), kind))
+    ranks = {kind: rank for rank, kind in enumerate(_KINDS)}
+    return sorted(set(kinds), key=lambda kind: (ranks.get(kind.upper(), len(ranks)), kind))
 
 
 def marker_of(role: str) -> str:

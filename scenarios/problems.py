@@ -8,6 +8,7 @@ import difflib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, cast
 
 from pydantic import BaseModel, ValidationError
@@ -36,9 +37,14 @@ def sentences(
     error: ValidationError, model: type[BaseModel], place: Callable[[str], str]
 ) -> list[str]:
     """Return one sentence per problem; `place` says where a dotted key was written."""
-    schema = model.model_json_schema()
+    schema = _schema(model)
     found = [line for one in error.errors() for line in _translate(one, schema, place)]
     return list(dict.fromkeys(found))
+
+
+@cache
+def _schema(model: type[BaseModel]) -> dict[str, Any]:
+    return model.model_json_schema()
 
 
 def show(value: Any) -> str:

@@ -21,6 +21,7 @@ from agents.settings import (
     SharingSettings,
     TetherSettings,
 )
+from agents.strategies import names as methods
 from comms.profiles import LinkChange, TeamLinks
 from comms.settings import Settings
 from scenarios.errors import ScenarioError
@@ -30,15 +31,8 @@ from scenarios.problems import Conflict, plain, refuse, sentences
 from scenarios.shelf import find, read
 from sim.settings import WorldSettings
 
-try:
-    from agents.strategies import STRATEGIES
-except ImportError:  # until it is there
-    STRATEGIES = ("information-interest",)
-
 MAX_ROBOTS = 64
 """The largest team that the runner was tried with."""
-MAX_CELLS = 4096
-"""Longest side of a map."""
 
 Role = Literal["recon", "cliffbot", "anchor", "explorer"]
 MAPPERS: tuple[Role, ...] = ("recon", "explorer")
@@ -98,8 +92,8 @@ class Scenario(Settings):
     @field_validator("method")
     @classmethod
     def _known_method(cls, method: str) -> str:
-        if method not in STRATEGIES:
-            raise ValueError(f"must be one of {', '.join(STRATEGIES)}")
+        if method not in methods():
+            raise ValueError(f"must be one of {', '.join(methods())}")
         return method
 
     @model_validator(mode="after")
@@ -190,9 +184,6 @@ def _check_numbers(scenario: Scenario) -> list[Conflict]:
     if sensor.near_m >= sensor.range_m:
         sentence = f"must be below sensor.range_m = {plain(sensor.range_m)}"
         conflicts.append(Conflict("sensor.near_m", sensor.near_m, sentence))
-    if max(scenario.world.window_m) / scenario.map.cell_m > MAX_CELLS:
-        sentence = f"makes a map of more than {MAX_CELLS} cells a side (map.cell_m is too small)"
-        conflicts.append(Conflict("world.window_m", list(scenario.world.window_m), sentence))
     return conflicts
 
 

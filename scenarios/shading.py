@@ -11,12 +11,12 @@ UNKNOWN_RGB = (0.84, 0.86, 0.885)
 # Lightness rises with height from end to end, so the scale reads without telling hues apart.
 _STOPS_RGB = np.array(
     [
-        (0.196, 0.102, 0.133),
-        (0.392, 0.184, 0.157),
-        (0.608, 0.318, 0.204),
-        (0.796, 0.506, 0.314),
-        (0.914, 0.718, 0.514),
-        (0.973, 0.894, 0.773),
+        (0.306, 0.157, 0.180),
+        (0.478, 0.239, 0.204),
+        (0.663, 0.373, 0.247),
+        (0.820, 0.545, 0.353),
+        (0.918, 0.729, 0.533),
+        (0.973, 0.898, 0.788),
     ]
 )
 _SUN_AZIMUTH_RAD = math.radians(135.0)
@@ -39,7 +39,7 @@ def hillshade(elevation_m: Singles, cell_m: float) -> Floats:
         cell_m: cell size.
 
     """
-    z = elevation_m.astype(np.float64)
+    z = _calmed(elevation_m.astype(np.float64))
     if min(z.shape) < 2:
         return np.full(z.shape, 0.5)
     north, east = np.gradient(z * _EXAGGERATION, cell_m)
@@ -56,6 +56,21 @@ def hillshade(elevation_m: Singles, cell_m: float) -> Floats:
     # Level ground is lit to 0.5, whatever the sun's height.
     lit = 0.5 + (normal @ sun - math.sin(_SUN_HEIGHT_RAD)) * 0.75
     return np.where(np.isfinite(lit), np.clip(lit, 0.0, 1.0), 0.5)
+
+
+def _calmed(elevation_m: Floats) -> Floats:
+    """Return the mean of the known cells among each cell and its eight neighbours.
+
+    Light shows slopes, and slopes show every centimetre of measurement noise.
+    """
+    known = np.pad(np.isfinite(elevation_m), 1).astype(np.float64)
+    height = np.pad(np.nan_to_num(elevation_m), 1)
+    rows, cols = elevation_m.shape
+    shifts = [(r, c) for r in range(3) for c in range(3)]
+    count = sum(known[r : r + rows, c : c + cols] for r, c in shifts)
+    total = sum(height[r : r + rows, c : c + cols] for r, c in shifts)
+    mean = total / np.maximum(count, 1.0)
+    return np.where(np.isfinite(elevation_m), mean, np.nan)
 
 
 def relief(elevation_m: Singles, cell_m: float, low_m: float, high_m: float) -> Floats:

@@ -37,7 +37,9 @@ def entries() -> list[Entry]:
 
 
 def find(name_or_path: str) -> Path:
-    """Return the file that a user means: a path (it ends in .toml or has a folder), or a name.
+    """Return the file that a user means: a name of the library, or a path.
+
+    What ends in .toml or has a folder is a path.
 
     Raises:
         ScenarioError: there is no such file, or no such name in the library.
@@ -51,6 +53,8 @@ def find(name_or_path: str) -> Path:
         raise ScenarioError([f"{name_or_path}: {why}; allowed: a scenario file (.toml)"])
     if name_or_path in names():
         return LIBRARY / f"{name_or_path}.toml"
+    if path.is_file():
+        return path
     close = difflib.get_close_matches(name_or_path, names(), n=1)
     hint = f", did you mean {close[0]}?" if close else "."
     allowed = f"Allowed: {', '.join(names())}, or a path to a .toml file"

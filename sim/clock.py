@@ -118,6 +118,11 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._end_ns = end_ns
         self.run_forever()
 
+    def advance(self, to_ns: int) -> None:
+        """Let the clock stand at `to_ns` and hand out the mail of that time; no event is due."""
+        self._now_ns = max(self._now_ns, to_ns)
+        self.collect_mail(self._now_ns)
+
     def collect_mail(self, until_ns: int) -> None:
         """Hand out the mail that arrived up to `until_ns`, though nothing wakes the robot."""
         while self._mail and self._mail[0][0] <= until_ns:

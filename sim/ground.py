@@ -2,12 +2,14 @@
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
 from scipy import ndimage
 
-from agents.geometry import Bools, Floats, GridFrame, Singles
+from agents.geometry import Bools, Floats, GridFrame, Ints, Singles
+
 
 @dataclass(frozen=True)
 class Terrain:
@@ -60,9 +62,10 @@ def filled(elevation_m: Singles | Floats) -> Floats:
     known = np.isfinite(elevation_m)
     full = elevation_m.astype(np.float64)
     if not known.all():
-        rows, cols = ndimage.distance_transform_edt(
+        nearest = ndimage.distance_transform_edt(
             ~known, return_distances=False, return_indices=True
         )
+        rows, cols = cast("tuple[Ints, Ints]", nearest)
         full = full[rows, cols]
     return full
 
@@ -175,13 +178,15 @@ class Footing:
 
 def largest_regions(mask: Bools, least_cells: float) -> Bools:
     """Return the connected parts of a mask of at least a size; the largest where none is."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), None, 4)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(
+        mask.astype(np.uint8), connectivity=4
+    )
     if count < 2:
         return np.zeros(mask.shape, dtype=np.bool_)
     areas = stats[:, cv2.CC_STAT_AREA].copy()
     areas[0] = 0
     kept = (areas >= min(least_cells, areas.max())) & (areas > 0)
-    return kept[labels]
+    return np.asarray(kept[np.asarray(labels, dtype=np.int64)], dtype=np.bool_)
 
 
 def region_of(mask: Bools, row: int, col: int) -> Bools:

@@ -130,7 +130,7 @@ def _indices(roles: Sequence[str], role: str) -> list[int]:
 
 
 def _middle_of_edge(footing: Footing, edge_m: Floats) -> tuple[float, float, float]:
-    """Return (x, y, yaw) of a made cliff's lip in the middle of the window; it falls to the south."""
+    """Return (x, y, yaw) of a made cliff's lip, mid-window; it falls to the south."""
     west, east, _, _ = footing.frame.extent_m
     x = (west + east) / 2
     return x, float(np.interp(x, edge_m[:, 0], edge_m[:, 1])), -math.pi / 2

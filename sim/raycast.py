@@ -54,7 +54,8 @@ def block_tops(ground: Singles) -> Floats:
         for j in range(tops.shape[1]):
             for r in range(i * BLOCK, min((i + 1) * BLOCK + 1, rows)):
                 for c in range(j * BLOCK, min((j + 1) * BLOCK + 1, cols)):
-                    if ground[r, c] > tops[i, j]:
+                    # Not max(): that would take a NaN for the top.
+                    if ground[r, c] > tops[i, j]:  # noqa: PLR1730
                         tops[i, j] = ground[r, c]
     return tops
 
@@ -70,7 +71,7 @@ def block_exit(at: float, speed: float) -> float:
 
 
 @kernels.kernel
-def cast_one(
+def cast_one(  # noqa: PLR0917 (kernels take no keywords)
     ground: Singles, tops: Floats, cell_m: float, eye: Floats, ray: Floats, limit_m: float
 ) -> float:
     """Return the distance along one ray to the ground, in m; NaN where it meets none.
@@ -112,7 +113,7 @@ def cast_one(
 
 
 @kernels.kernel
-def cast(
+def cast(  # noqa: PLR0917 (kernels take no keywords)
     ground: Singles, tops: Floats, cell_m: float, eye: Floats, rays: Floats, limits_m: Floats
 ) -> Floats:
     """Return (N, 4) of distance in m, cosine of incidence, u and v of the ground that rays meet.
@@ -133,7 +134,7 @@ def cast(
 
 
 @kernels.kernel
-def cylinder_limits(
+def cylinder_limits(  # noqa: PLR0917 (kernels take no keywords)
     eye_m: Floats, rays: Floats, feet_m: Floats, radius_m: float, height_m: float, limit_m: float
 ) -> Floats:
     """Return (N,) how far each ray goes before it meets an upright cylinder, at most `limit_m`.
@@ -161,7 +162,7 @@ def cylinder_limits(
 
 
 @kernels.kernel
-def mark_seen(
+def mark_seen(  # noqa: PLR0917 (kernels take no keywords)
     ground: Singles,
     cell_m: float,
     eye: Floats,
@@ -174,7 +175,6 @@ def mark_seen(
 
     Along each bearing the steepest sight line so far hides what lies below it. `eye` is (u, v, z).
     """
-    rows, cols = ground.shape
     reach = range_m / cell_m
     bearings = int(2.0 * math.pi * reach * 1.25) + 8
     ray = np.empty(3)

@@ -8,9 +8,9 @@ import math
 
 import cv2
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
-from agents.geometry import Bools, Floats, GridFrame, Singles
+from agents.geometry import Floats, GridFrame, Singles
 from sim.errors import WorldError
 from sim.ground import Terrain
 from sim.resample import resample
@@ -49,7 +49,7 @@ class _Sheet:
     def sampled(self, lattice: Floats) -> Singles:
         """Return the lattice's values at the window's cell centres."""
         step = self.frame.cell_m / self.side_m * lattice.shape[0]
-        return resample(lattice, step / 2, step / 2, step, self.frame.rows, self.frame.cols)
+        return resample(lattice, (step / 2, step / 2), step, self.frame.shape)
 
 
 def make_relief(settings: TerrainSettings, frame: GridFrame, rng: np.random.Generator) -> Terrain:
@@ -108,11 +108,11 @@ def _downhill(edge_m: Floats, frame: GridFrame) -> Singles:
     x = np.arange(west - coarse_m, east + 2 * coarse_m, coarse_m)
     y = np.arange(south - coarse_m, north + 2 * coarse_m, coarse_m)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    distance, _ = cKDTree(edge_m).query(points)
+    distance, _ = KDTree(edge_m).query(points)
     beyond = points[:, 1] < np.interp(points[:, 0], edge_m[:, 0], edge_m[:, 1])
     signed = np.where(beyond, distance, -distance).reshape(y.size, x.size)
     start = 1 + frame.cell_m / 2 / coarse_m
-    return resample(signed, start, start, frame.cell_m / coarse_m, frame.rows, frame.cols)
+    return resample(signed, (start, start), frame.cell_m / coarse_m, frame.shape)
 
 
 def _fall(settings: TerrainSettings, edge_m: Floats, frame: GridFrame) -> Singles:
@@ -160,30 +160,26 @@ def _jumble_centre(
 
 def texture(poor_share: float, frame: GridFrame, rng: np.random.Generator) -> Singles:
     """Return how well ground can be matched, (rows, cols) in [0, 1], one region of it poorly."""
-    sheet = _Sheet(frame)
-    fine = sheet.sampled(fractal(2.5, rng))
-    shape = sheet.sampled(fractal(4.5, rng, longest=0.4))
+    fine = _Sheet(frame).sampled(fractal(2.5, rng))
+    lobed = _lobed_distance(frame, rng)
     rich = np.clip(RICH + 0.06 * fine, 0.6, 1.0)
     if poor_share <= 0:
         return np.asarray(rich, dtype=np.float32)
-    poor = _region(shape, poor_share).astype(np.float32)
+    poor = (lobed <= np.quantile(lobed, poor_share)).astype(np.float32)
     width = max(3, 2 * round(0.3 / frame.cell_m) + 1)
     blend = np.asarray(cv2.blur(poor, (width, width), borderType=cv2.BORDER_REPLICATE))
     return np.asarray(rich + blend * (POOR - rich), dtype=np.float32)
 
 
-def _region(field: Singles, share: float) -> Bools:
-    """Return the connected region around a field's highest point that covers a share of it."""
-    peak = np.unravel_index(int(np.argmax(field)), field.shape)
-    rows, cols = np.indices(field.shape)
-    away = np.hypot(rows - peak[0], cols - peak[1]) / math.sqrt(share * field.size)
-    # Sinking away from its peak, the field spills over into no second basin at once.
-    hill = field - 1.5 * away
-    low, high = float(hill.min()), float(hill.max())
-    region = np.zeros(field.shape, dtype=np.bool_)
-    for _ in range(14):
-        level = (low + high) / 2
-        _, labels = cv2.connectedComponents((hill > level).astype(np.uint8), None, 4)
-        region = np.asarray(labels == labels[peak], dtype=np.bool_) & (hill > level)
-        low, high = (low, level) if region.mean() < share else (level, high)
-    return region
+def _lobed_distance(frame: GridFrame, rng: np.random.Generator) -> Floats:
+    """Return each cell's distance from a random place, shortened by lobes that depend on bearing.
+
+    What lies within any bound of it is seen whole from that place, hence one region.
+    """
+    row, col = rng.uniform(0.15, 0.85, 2) * (frame.rows, frame.cols)
+    rows, cols = np.indices(frame.shape)
+    bearing = np.arctan2(rows - row, cols - col)
+    lobes = np.ones(frame.shape)
+    for k, phase in enumerate(rng.uniform(0, 2 * np.pi, 7), start=1):
+        lobes += 0.5 / (k + 1) * np.cos(k * bearing + phase)
+    return np.hypot(rows - row, cols - col) / np.maximum(lobes, 0.25)

@@ -77,6 +77,6 @@ def _check_room(path: str, extent_m: tuple[float, float, float, float], cell_m: 
     if min(east - west, north - south) < least_m:
         raise WorldError(
             f"{path}: is {east - west:.3g} x {north - south:.3g} m between its outer cell centres,"
-            f" a team needs at least {least_m:g} x {least_m:g} m; set world.terrain.cell_m to read it"
-            " larger"
+            f" a team needs at least {least_m:g} x {least_m:g} m; set world.terrain.cell_m to read"
+            " it larger"
         )

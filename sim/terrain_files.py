@@ -68,7 +68,7 @@ def _read_npz(file: Path) -> tuple[Floats, float]:
             missing = [k for k in ("elevation", "cell_size") if k not in archive.files]
             if missing:
                 raise WorldError(
-                    f"{file}: has no {missing[0]!r}; needed are elevation (2-D, m) and cell_size (m)"
+                    f"{file}: has no {missing[0]!r}; needed: elevation (2-D, m), cell_size (m)"
                 )
             elevation, size = archive["elevation"], archive["cell_size"]
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
@@ -103,8 +103,8 @@ def _read_tiff(file: Path, scale_cell_m: float | None) -> tuple[Floats, float]:
 
 
 def _tiff_cell_m(file: Path, transform: Any, crs: Any, scale_cell_m: float | None) -> float:
-    in_metres = crs is not None and not crs.is_geographic
-    if transform.is_identity or not in_metres:
+    in_metres = crs is not None and crs.is_projected
+    if crs is None or transform.is_identity or not in_metres:
         if scale_cell_m is None:
             raise WorldError(
                 f"{file}: its cell size is not given in m; set world.terrain.cell_m to it"
@@ -239,4 +239,4 @@ def window_of(
     source = smoothed(file.elevation_m, round(cell_m / file.cell_m))
     row0 = (frame.y_m + cell_m / 2) / file.cell_m - 0.5
     col0 = (frame.x_m + cell_m / 2) / file.cell_m - 0.5
-    return frame, resample(source, row0, col0, cell_m / file.cell_m, frame.rows, frame.cols)
+    return frame, resample(source, (row0, col0), cell_m / file.cell_m, frame.shape)

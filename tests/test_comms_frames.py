@@ -2,7 +2,7 @@ import hashlib
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from comms.errors import CommsError
@@ -126,6 +126,7 @@ def test_reordered_frames_pass_once_each(order, again):
 
 @quick
 @given(st.lists(st.integers(0, 3 * WINDOW) | st.integers(0, MAX_SEQ), max_size=60))
+@example([10, 10 + WINDOW + 1, 10 + WINDOW, 10, 11, 12])
 def test_window_agrees_with_a_remembered_set(numbers):
     opener, newest, seen = Opener(KEY, TEAM), -1, set()
     for seq in numbers:
@@ -207,3 +208,10 @@ def test_bad_identity_is_refused(make, words):
 
 def test_code_is_six_bytes_of_a_keyed_hash():
     assert sealed_at(0)[-MAC_BYTES:] == sealed_by_hand(sealed_at(0)[:-MAC_BYTES])[-MAC_BYTES:]
+
+
+def test_memory_of_a_sender_stays_within_the_window():
+    opener = Opener(KEY, TEAM)
+    for seq in range(3 * WINDOW):
+        opener.open(sealed_at(seq))
+    assert opener._heard[1].seen.bit_length() <= WINDOW

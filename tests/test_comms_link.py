@@ -173,6 +173,7 @@ def test_luck_depends_on_the_frame_and_not_on_what_came_before(order, slept):
     expected = [awake.verdict("a", n, 0) for n in range(30)]
     heard = {n: shuffled.verdict("a", n, 0) for n in order if n >= slept}
     assert all(heard[n] is expected[n] for n in heard)
+    assert {Verdict.LOST, Verdict.DELIVERED} == set(expected)
 
 
 def test_links_have_luck_of_their_own():

@@ -1,0 +1,453 @@
+"""One simulated robot: its program, its body, its radio, and the thread by which time is paid out.
+
+The same host runs in a process of its own (`scenarios.process`) or beside others in one process
+(`scenarios.runner`): it is handed grants and packets and gives reports, and knows neither Zenoh nor
+the conductor.
+"""
+
+import asyncio
+import math
+import traceback
+from collections.abc import Coroutine
+from typing import Any, Protocol
+
+import numpy as np
+
+from agents.disk import Disk
+from agents.geometry import Floats, Pose, Singles
+from agents.ports import Exposure
+from agents.robot import AgentSettings, Robot
+from agents.roles import ROLES
+from agents.teammap import Estimate
+from comms.air import Handler, Packet
+from comms.frames import Opener, Sealer
+from comms.link import Receiver, Transmitter
+from comms.profiles import LinkProfile, least_latency_ns, resolve
+from comms.radio import Radio
+from comms.timebase import NS, sleep_until_ns, to_s
+from scenarios.notebook import LogFile, Notebook
+from scenarios.record import EventRow, LookRow, MapRow
+from scenarios.schema import Scenario
+from scenarios.wire import Grant, Plan, Report
+from sim.clock import ScaledLoop, VirtualLoop
+from sim.motion import Motions, Segment
+from sim.rig import Rig, make_rig
+
+SAMPLE_S = 5
+"""Maps are weighed so often."""
+START_SIGMA_M = 0.02
+START_SIGMA_RAD = 0.004
+"""What the team's first localisation leaves unsure of everybody but the origin."""
+
+PURPOSES = ("robot", "body", "camera", "transmitter", "receiver", "start", "terrain", "team")
+
+
+def lookahead_ns(scenario: Scenario) -> int:
+    """Return the least latency of any link at any stage: nothing travels faster."""
+    return least_latency_ns(scenario.links, list(scenario.robots), scenario.link_changes())
+
+
+def dice(scenario: Scenario, name: str, purpose: str, life: int = 0) -> np.random.Generator:
+    """Return the source of randomness of one robot for one purpose, in one incarnation."""
+    key = (list(scenario.robots).index(name), PURPOSES.index(purpose), life)
+    return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=key))
+
+
+def team_key(scenario: Scenario) -> bytes:
+    """Return the team's key: in a simulation it follows from the seed."""
+    return b"ropeteam" + scenario.seed.to_bytes(8, "little") * 2
+
+
+_GRAVEYARD: list["Host"] = []
+"""Killed robots of this process: their coroutines must not be unwound, as a collected one is."""
+
+
+class Outbox(Protocol):
+    """Where a host's packets go."""
+
+    def put(self, packet: Packet) -> None:
+        """Carry a packet to the team."""
+        ...
+
+
+class HostAir:
+    """The host's end of the air: what is sent goes to the outbox, what comes is handed in."""
+
+    def __init__(self, outbox: Outbox, roster: list[str], me: str, sent: int) -> None:
+        """Join a team, having sent so many packets in former lives."""
+        self.outbox = outbox
+        self.roster = roster
+        self.me = me
+        self.sent = sent
+        self.urgent: list[tuple[str, int]] = []
+        self._handler: Handler | None = None
+
+    def put(self, packet: Packet) -> None:
+        """Send a packet, and remember whom it wakes."""
+        self.sent += 1
+        if packet.urgent:
+            self.urgent.extend(packet.arrivals)
+        self.outbox.put(packet)
+
+    def listen(self, handler: Handler) -> None:
+        """Have packets handed to the radio."""
+        self._handler = handler
+
+    def deliver(self, loop: VirtualLoop | ScaledLoop, packet: Packet, after_ns: int = 0) -> None:
+        """Post a packet on the loop for its arrival here, if it comes here at all."""
+        arrive_ns = dict(packet.arrivals).get(self.me)
+        if arrive_ns is None or self._handler is None or arrive_ns < after_ns:
+            return
+        source = self.roster.index(packet.sender)
+        handler = self._handler
+        loop.post(
+            arrive_ns, source, packet.number, lambda: handler(packet, arrive_ns), packet.urgent
+        )
+
+
+class Host:
+    """One robot in its simulated world, on a loop of its own."""
+
+    def __init__(self, plan: Plan, loop: VirtualLoop | ScaledLoop, outbox: Outbox) -> None:
+        """Bring a robot to life; it does nothing before its loop runs."""
+        self.plan = plan
+        self.loop = loop
+        self.name = plan.name
+        self.scenario = plan.scenario
+        self.roster = list(self.scenario.robots)
+        self.link_changes = {
+            index: event.link_change()
+            for index, event in enumerate(self.scenario.timeline())
+            if event.kind == "link"
+        }
+        self.happened = list(plan.link_events)
+        self.motions = self._motions()
+        self.segments: list[Any] = []
+        self.fault = ""
+        self._driven_m = 0.0
+        self._way: Segment | None = None
+        self.status: dict[str, Any] = {}
+        self._pose_errors: list[float] = []
+        self._map_score: tuple[float, float | None] = (0.0, None)
+        self._scored: Estimate | None = None
+        self._tasks: list[asyncio.Task[None]] = []
+        disk = Disk(plan.folder / "robots" / self.name)
+        life = disk.begin()
+        suffix = f"-{life}" if life else ""
+        log_path = plan.folder / f"{self.name}{suffix}.mcap"
+        self.notebook = Notebook(self.name, LogFile(log_path), self.now_ns)
+        self.air = HostAir(outbox, self.roster, self.name, plan.first_number)
+        self.rig = self._rig(disk)
+        self.robot = Robot(
+            self._agent_settings(), self.rig.hardware, disk, self, self._dice("robot", disk)
+        )
+        self.radio = self._radio(life)
+        self.robot.radio = self.radio
+        self.robot.rate_bps = self._rate_bps
+
+    # --- putting together -----------------------------------------------------------------
+
+    def now_ns(self) -> int:
+        """Return the loop's time."""
+        return round(self.loop.time() * NS)
+
+    def _dice(self, purpose: str, disk: Disk) -> np.random.Generator:
+        return dice(self.scenario, self.name, purpose, disk.incarnation)
+
+    def _motions(self) -> Motions:
+        motions = Motions()
+        for name, pose in self.plan.starts.items():
+            motions.add(Segment(name, 0, 0, pose, pose))
+        for wire in self.plan.segments:
+            motions.add(Segment.from_wire(wire))
+        return motions
+
+    def _rig(self, disk: Disk) -> Rig:
+        scenario = self.scenario
+        return make_rig(
+            self.name,
+            {name: robot.role for name, robot in scenario.robots.items()},
+            terrain=self.plan.terrain,
+            motions=self.motions,
+            publish=self._publish,
+            delay_ns=lookahead_ns(scenario),
+            start=self.plan.pose or self.plan.starts[self.name],
+            start_ns=self.plan.start_ns,
+            tether_m=self.plan.tether_m,
+            sensor=scenario.sensor,
+            drive=scenario.drive,
+            tether=scenario.tether,
+            body_rng=dice(scenario, self.name, "body", disk.incarnation),
+            camera_rng=dice(scenario, self.name, "camera", disk.incarnation),
+        )
+
+    def _agent_settings(self) -> AgentSettings:
+        scenario = self.scenario
+        roles = tuple(robot.role for robot in scenario.robots.values())
+        start, covariance = believed_start(scenario, self.plan.starts, self.name)
+        return AgentSettings(
+            name=self.name,
+            index=self.roster.index(self.name),
+            roster=tuple(self.roster),
+            roles=roles,
+            frame=self.plan.terrain.frame,
+            start=start,
+            start_covariance=covariance,
+            goal_m=self.plan.goal_m,
+            method=scenario.method,
+            map=scenario.map,
+            sensor=scenario.sensor,
+            drive=scenario.drive,
+            planner=scenario.planner,
+            sharing=scenario.sharing,
+            tether=scenario.tether,
+        )
+
+    def _mates(self) -> list[str]:
+        return [name for name in self.roster if name != self.name]
+
+    def _link(self, sender: str, receiver: str) -> LinkProfile:
+        changes = [self.link_changes[index] for index in self.happened]
+        return resolve(self.scenario.links, sender, receiver, changes)
+
+    def _radio(self, life: int) -> Radio:
+        key, index = team_key(self.scenario), self.roster.index(self.name)
+        luck = dice(self.scenario, self.name, "receiver", life).spawn(len(self.roster))
+        transmitter = Transmitter(
+            {mate: self._link(self.name, mate) for mate in self._mates()},
+            dice(self.scenario, self.name, "transmitter", life),
+            self.plan.first_number,
+        )
+        receiver = Receiver(
+            {mate: self._link(mate, self.name) for mate in self._mates()},
+            {mate: luck[self.roster.index(mate)] for mate in self._mates()},
+        )
+        return Radio(
+            self.name,
+            self.air,
+            sealer=Sealer(key, index, life),
+            opener=Opener(key, len(self.roster), index),
+            transmitter=transmitter,
+            receiver=receiver,
+            choose=self.robot.choose_frame,
+            on_frame=self.robot.on_frame,
+            log=self.notebook,
+            distance_m=self._distance_m,
+            late_tolerance_ns=0 if isinstance(self.loop, VirtualLoop) else NS,
+        )
+
+    def _rate_bps(self) -> float:
+        links = [self._link(self.name, mate) for mate in self._mates()]
+        return min((link.rate_bps for link in links if link.carries), default=math.inf)
+
+    def _distance_m(self, sender: str, t_ns: int) -> float | None:
+        seen_ns = t_ns - self.rig.delay_ns
+        theirs = self.motions.pose_at(sender, seen_ns)
+        mine = self.motions.pose_at(self.name, seen_ns)
+        return None if theirs is None or mine is None else theirs.distance_m(mine)
+
+    # --- the way driven -----------------------------------------------------------------------
+
+    @property
+    def distance_m(self) -> float:
+        """Return the length of the way that the robot truly went so far, over the ground."""
+        return self._driven_m + self._part_of_way_m(self.now_ns())
+
+    def _part_of_way_m(self, t_ns: int) -> float:
+        if self._way is None:
+            return 0.0
+        share = self._way.share_at(t_ns) if t_ns > self._way.start_ns else 0.0
+        return share * _length_m(self._way.start, self._way.end)
+
+    def _close_way(self, t_ns: int) -> None:
+        self._driven_m += self._part_of_way_m(t_ns)
+        self._way = None
+
+    # --- the robot's log --------------------------------------------------------------------
+
+    def look(
+        self, exposure: Exposure, *, expected_cells: float, obtained_cells: int, new_cells: int
+    ) -> None:
+        """Write down one exposure, with the true position that the robot does not know."""
+        t_ns = round(exposure.t_s * NS)
+        pose = self.true_pose(t_ns)
+        row = LookRow(
+            self.name, exposure.t_s, pose.x_m, pose.y_m, pose.z_m, exposure.pan_rad,
+            exposure.tilt_rad, expected_cells, obtained_cells, new_cells, self.distance_m,
+        )  # fmt: skip
+        self.notebook.add(row, t_ns)
+
+    def event(self, what: str, detail: str = "") -> None:
+        """Write down something that happened."""
+        t_ns = self.now_ns()
+        self.notebook.add(EventRow(to_s(t_ns), self.name, what, detail), t_ns)
+
+    # --- life -------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Set the robot's program going; it runs when the loop does."""
+        role = ROLES[self.scenario.robots[self.name].role]
+        for part in (self.radio.run(), self.robot.heartbeat(), self._sample(), role(self.robot)):
+            self._tasks.append(self.loop.create_task(self._guarded(part)))
+
+    async def _guarded(self, part: Coroutine[Any, Any, None]) -> None:
+        """Run one part of the robot's program; what goes wrong in it is ours to mend."""
+        try:
+            await part
+        except Exception:
+            self.fault = self.fault or traceback.format_exc()
+
+    async def _sample(self) -> None:
+        """Weigh the map every few seconds of simulated time, at whole multiples."""
+        while True:
+            self.weigh(self.now_ns())
+            due_ns = (self.now_ns() // (SAMPLE_S * NS) + 1) * SAMPLE_S * NS
+            await sleep_until_ns(due_ns)
+
+    def true_pose(self, t_ns: int) -> Pose:
+        """Return where the robot truly is."""
+        pose = self.motions.pose_at(self.name, t_ns)
+        assert pose is not None
+        return pose
+
+    def weigh(self, t_ns: int) -> None:
+        """Write down what the robot knows now, and how right it is."""
+        team = self.robot.team
+        heard = team.as_heard()
+        if heard is not self._scored:
+            self._scored = heard
+            bits = heard.information_bits(self.scenario.map.prior_sigma_m)
+            self._map_score = (bits, rmse_m(heard.elevation_m, self.plan.terrain.elevation_m))
+        bits, error_m = self._map_score
+        own, known = self.robot.own.known_cells(), team.known_entries()
+        self.notebook.add(MapRow(to_s(t_ns), self.name, own, known, bits, error_m), t_ns)
+        self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
+        self.status = {
+            "t_s": to_s(t_ns),
+            "activity": self.robot.activity,
+            "looks": self.robot.looks,
+            "own_cells": own,
+            "team_cells": known,
+            "digest": self.robot.store.digest(),
+            "settled": self.robot.settled,
+            "sent_bytes": self.radio.traffic.sent_bytes,
+            "received_bytes": self.radio.traffic.received_bytes,
+            "airtime_s": to_s(self.radio.traffic.airtime_ns),
+            "distance_m": self.distance_m,
+            "pose_error_rms_m": rms(self._pose_errors),
+            "dropped": dict(sorted(self.radio.dropped.items())),
+            "hazards": self.rig.hazards_hit(),
+        }
+
+    # --- time -------------------------------------------------------------------------------
+
+    def run_window(self, grant: Grant, packets: list[Packet]) -> Report:
+        """Take what is new, run all events before the grant's end, and report (virtual clock)."""
+        assert isinstance(self.loop, VirtualLoop)
+        self.take(grant, packets)
+        self.loop.run_window(grant.end_ns, grant.floor_ns)
+        if any(command[0] == "finish" for command in grant.commands):
+            return self.finish(grant.end_ns)
+        return self.report()
+
+    def take(self, grant: Grant, packets: list[Packet]) -> None:
+        """Take in what happened elsewhere."""
+        for wire in grant.segments:
+            self.motions.add(Segment.from_wire(wire))
+        for packet in packets:
+            self.air.deliver(self.loop, packet, self.plan.start_ns)
+        for command in grant.commands:
+            self.obey(command)
+
+    def obey(self, command: Any) -> None:
+        """Carry out one thing that happens to the world, now."""
+        match command[0]:
+            case "link":
+                self.happened.append(command[1])
+                for mate in self._mates():
+                    self.radio.set_link(self.name, mate, self._link(self.name, mate))
+                    self.radio.set_link(mate, self.name, self._link(mate, self.name))
+            case "freeze":
+                self.motions.freeze(command[1], command[2])
+            case _:
+                pass
+
+    def report(self) -> Report:
+        """Return what happened since the last report."""
+        rows, cuts = self.notebook.take()
+        segments, self.segments = self.segments, []
+        urgent, self.air.urgent = self.air.urgent, []
+        status, self.status = self.status, {}
+        next_ns = self.loop.next_event_ns() if isinstance(self.loop, VirtualLoop) else None
+        return Report(
+            self.name,
+            self.robot.me.incarnation,
+            next_ns,
+            self.air.sent,
+            urgent,
+            segments,
+            rows,
+            cuts,
+            status,
+            self.fault,
+        )
+
+    def finish(self, end_ns: int) -> Report:
+        """End the run here: take the mail that has arrived, weigh the map once more, report."""
+        if isinstance(self.loop, VirtualLoop):
+            self.loop.advance(end_ns)
+        self.weigh(end_ns)
+        status = self.status
+        report = self.report()
+        heard = self.robot.team.as_heard()
+        report.final = {
+            **status,
+            "elevation": heard.elevation_m.astype(np.float32).tobytes(),
+            "sigma": np.sqrt(heard.variance_m2).astype(np.float32).tobytes(),
+            "shape": list(heard.elevation_m.shape),
+        }
+        self.notebook.log.close()
+        return report
+
+    def abandon(self) -> None:
+        """Forget the robot as it is, as a killed process would: none of its program runs again."""
+        self.notebook.log.abandon()
+        _GRAVEYARD.append(self)
+
+    def _publish(self, segment: Segment) -> None:
+        self._close_way(segment.start_ns)
+        self._way = segment
+        self.motions.add(segment)
+        self.segments.append(segment.to_wire())
+
+
+def believed_start(scenario: Scenario, starts: dict[str, Pose], name: str) -> tuple[Pose, Floats]:
+    """Return what a robot believes of its start: the first mapping robot is the team's origin.
+
+    The others were localised against it (section 2.1): a little unsure, and a little wrong.
+    """
+    origin = next((n for n, r in scenario.robots.items() if r.role == "recon"), next(iter(starts)))
+    true = starts[name]
+    if name == origin:
+        return true, np.diag([1e-6, 1e-6, 1e-6, 1e-8])
+    error = dice(scenario, name, "start").normal(size=4)
+    sigma = (START_SIGMA_M, START_SIGMA_M, START_SIGMA_M, START_SIGMA_RAD)
+    x, y, z, yaw = (float(e) * s for e, s in zip(error, sigma, strict=True))
+    believed = Pose(true.x_m + x, true.y_m + y, true.z_m + z, true.yaw_rad + yaw)
+    return believed, np.diag([s * s for s in sigma])
+
+
+def _length_m(start: Pose, end: Pose) -> float:
+    return math.hypot(end.x_m - start.x_m, end.y_m - start.y_m, end.z_m - start.z_m)
+
+
+def rmse_m(elevation_m: Floats, truth_m: Singles) -> float | None:
+    """Return the root mean square elevation error over the cells that both know."""
+    errors = elevation_m - truth_m
+    errors = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.mean(errors**2))) if errors.size else None
+
+
+def rms(values: list[float]) -> float | None:
+    """Return the root mean square, None of nothing."""
+    return math.sqrt(sum(v * v for v in values) / len(values)) if values else None

@@ -1,0 +1,110 @@
+"""A robot's notebook: rows for the runner's tables, and the robot's own MCAP log."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from mcap.writer import CompressionType, Writer
+
+from comms.frames import Kind
+from comms.timebase import to_s
+from scenarios.record import EventRow, LookRow, MapRow, Row, RxRow, TxRow, to_wire
+
+TOPICS: dict[type[Row], str] = {
+    LookRow: "looks",
+    TxRow: "frames_sent",
+    RxRow: "frames_heard",
+    MapRow: "map",
+    EventRow: "events",
+}
+
+
+class LogFile:
+    """One robot's MCAP file; each row is written at once, so a killed robot leaves all but one."""
+
+    def __init__(self, path: Path) -> None:
+        """Create the file."""
+        self._stream = path.open("wb", buffering=1 << 16)
+        self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
+        self._writer.start(profile="", library="ropeteam")
+        self._channels: dict[str, int] = {}
+
+    def add(self, row: Row, t_ns: int) -> None:
+        """Write a row as JSON under its topic."""
+        topic = TOPICS[type(row)]
+        if topic not in self._channels:
+            schema = self._writer.register_schema(
+                f"ropeteam.{type(row).__name__}", "jsonschema", b'{"type": "object"}'
+            )
+            self._channels[topic] = self._writer.register_channel(topic, "json", schema)
+        data = json.dumps(_finite(asdict(row))).encode()
+        self._writer.add_message(self._channels[topic], t_ns, data, t_ns)
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system."""
+        self._stream.flush()
+
+    def close(self) -> None:
+        """End the file in order."""
+        self._writer.finish()
+        self._stream.close()
+
+    def abandon(self) -> None:
+        """Leave the file as a killed process leaves it, if it was not closed."""
+        self._stream.close()
+
+
+def _finite(row: dict[str, object]) -> dict[str, object]:
+    return {
+        key: None if isinstance(value, float) and not math.isfinite(value) else value
+        for key, value in row.items()
+    }
+
+
+class Notebook:
+    """Collects the rows of one robot until its next report."""
+
+    def __init__(self, name: str, log: LogFile, now_ns: Callable[[], int]) -> None:
+        """Begin a notebook of the robot of this name, whose clock is `now_ns`."""
+        self.name = name
+        self.log = log
+        self.rows: list[object] = []
+        self.cuts: list[tuple[int, float]] = []
+        self._now_ns = now_ns
+
+    def add(self, row: Row, t_ns: int) -> None:
+        """Keep a row for the runner and write it to the robot's own log."""
+        self.rows.append(to_wire(row))
+        self.log.add(row, t_ns)
+
+    def on_tx(
+        self,
+        *,
+        number: int,
+        kind: Kind,
+        charged_bytes: int,
+        chosen_ns: int,
+        start_ns: int,
+        end_ns: int,
+    ) -> None:
+        """Note that a frame's transmission begins."""
+        times = (to_s(chosen_ns), to_s(start_ns), to_s(end_ns))
+        row = TxRow(self.name, number, kind.name.lower(), charged_bytes, *times)
+        self.add(row, start_ns)
+
+    def on_cut(self, number: int) -> None:
+        """Note that a frame was cut short."""
+        self.cuts.append((number, to_s(self._now_ns())))
+
+    def on_rx(self, sender: str, number: int, arrive_ns: int, verdict: str) -> None:
+        """Note what became of a frame."""
+        self.add(RxRow(self.name, sender, number, to_s(arrive_ns), verdict), arrive_ns)
+
+    def take(self) -> tuple[list[object], list[tuple[int, float]]]:
+        """Return the rows and cuts since the last report."""
+        rows, cuts = self.rows, self.cuts
+        self.rows, self.cuts = [], []
+        self.log.flush()
+        return rows, cuts

@@ -1,0 +1,98 @@
+"""What the runner and the hosts say to each other on the world plane: plans, grants, reports."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, cast
+
+import msgpack
+
+from agents.geometry import Pose
+from scenarios.schema import Scenario
+from sim.ground import Terrain
+
+Pack = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that a host needs to bring one robot to life, handed over when its process starts."""
+
+    scenario: Scenario
+    name: str
+    terrain: Terrain
+    starts: dict[str, Pose]
+    """True start poses of the whole team."""
+    goal_m: tuple[float, float] | None
+    folder: Path
+    """The run's folder."""
+    start_ns: int = 0
+    """Simulated instant at which the robot starts."""
+    pose: Pose | None = None
+    """Where its body truly stands then, if not at its start pose."""
+    tether_m: float | None = None
+    """Length out of its drum then."""
+    first_number: int = 0
+    """Number of its first packet: a robot that restarts goes on counting."""
+    baseline: dict[str, int] = field(default_factory=dict[str, int])
+    """Packets that each team-mate had sent before this robot started: it never hears them."""
+    segments: tuple[tuple[Any, ...], ...] = ()
+    """Motion of the others up to now."""
+    link_events: tuple[int, ...] = ()
+    """Indices (in the timeline) of the link events that have happened."""
+    endpoint: str = ""
+    """Where the runner's Zenoh router listens; empty in the one-process form."""
+    epoch_s: float = 0.0
+    """On the real clock: monotonic time of the run's start."""
+
+
+@dataclass
+class Grant:
+    """Permission to run up to `end_ns`, with all that has to be known for it."""
+
+    end_ns: int
+    floor_ns: int = 0
+    counts: dict[str, int] = field(default_factory=dict[str, int])
+    """Packets to have taken, by sender, before anything runs."""
+    segments: list[Any] = field(default_factory=list[Any])
+    commands: list[Any] = field(default_factory=list[Any])
+    """("link", index in the timeline), ("freeze", robot, t_ns) or ("finish",)."""
+
+    def to_wire(self) -> bytes:
+        """Return the grant as MessagePack bytes."""
+        return cast("bytes", msgpack.packb(vars(self)))
+
+    @staticmethod
+    def from_wire(data: bytes) -> "Grant":
+        """Return the grant in `data`."""
+        return Grant(**cast("Pack", msgpack.unpackb(data)))
+
+
+@dataclass
+class Report:
+    """What happened in a window, and when something will happen next."""
+
+    name: str
+    incarnation: int
+    next_ns: int | None = None
+    sent: int = 0
+    urgent: list[Any] = field(default_factory=list[Any])
+    """(receiver, arrival in ns) of packets of this window that wake their receiver."""
+    segments: list[Any] = field(default_factory=list[Any])
+    rows: list[Any] = field(default_factory=list[Any])
+    cuts: list[Any] = field(default_factory=list[Any])
+    """(packet number, t_s) of frames that were cut short."""
+    status: Pack = field(default_factory=dict[str, Any])
+    """The newest sample of the robot's state, when there is a new one."""
+    fault: str = ""
+    """A traceback, where the robot's own program failed."""
+    final: Pack | None = None
+    """After "finish": the robot's end state and what its process cost."""
+
+    def to_wire(self) -> bytes:
+        """Return the report as MessagePack bytes."""
+        return cast("bytes", msgpack.packb(vars(self)))
+
+    @staticmethod
+    def from_wire(data: bytes) -> "Report":
+        """Return the report in `data`."""
+        return Report(**cast("Pack", msgpack.unpackb(data)))

@@ -1,0 +1,93 @@
+"""What a simulated robot of each role is made of: body, camera, winch, on true ground."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.geometry import Pose
+from agents.ports import Hardware
+from agents.settings import DriveSettings, SensorSettings, TetherSettings
+from sim.rover import RoverBody
+from sim.camera import RangeCamera
+from sim.ground import Terrain
+from sim.motion import Motions, Segment
+from sim.tethered import TetheredBody
+from sim.winch import SimWinch
+
+START_SLACK_M = 0.05
+"""Tethers are this much longer than the way to the Cliff-bot when the mission starts."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A robot's hardware, and what only the world knows of it."""
+
+    hardware: Hardware
+    delay_ns: int
+    """The world plane shows team-mates as they were this long ago."""
+    hazards_hit: Callable[[], int]
+    """How often it came onto a rock or a step."""
+
+
+def make_rig(
+    name: str,
+    roles: dict[str, str],
+    *,
+    terrain: Terrain,
+    motions: Motions,
+    publish: Callable[[Segment], None],
+    delay_ns: int,
+    start: Pose,
+    start_ns: int,
+    tether_m: float | None,
+    sensor: SensorSettings,
+    drive: DriveSettings,
+    tether: TetherSettings,
+    body_rng: np.random.Generator,
+    camera_rng: np.random.Generator,
+) -> Rig:
+    """Build the hardware that a robot's role has.
+
+    `motions` is this process's knowledge of everybody, own motion included; `publish` adds to it
+    and tells the others. `tether_m` is what is out of an Anchor-bot's drum, None at the start.
+    """
+    role = roles[name]
+    radius_m = drive.footprint_m / 2
+
+    def others(t_ns: int) -> dict[str, Pose]:
+        seen = {mate: motions.pose_at(mate, t_ns - delay_ns) for mate in roles if mate != name}
+        return {mate: pose for mate, pose in seen.items() if pose is not None}
+
+    def tethers(t_ns: int) -> list[tuple[Pose, float]]:
+        seen_ns = t_ns - delay_ns
+        anchors = [mate for mate, their in roles.items() if their == "anchor"]
+        held = [(motions.pose_at(a, seen_ns), motions.tether_at(a, seen_ns)) for a in anchors]
+        return [(pose, length_m) for pose, length_m in held if pose is not None and length_m > 0]
+
+    if role == "cliffbot":
+        body = TetheredBody(
+            name, terrain, drive, start, publish, body_rng, tethers=tethers, start_ns=start_ns
+        )
+        return Rig(Hardware(body=body), delay_ns, lambda: body.hazards_hit)
+    if role == "anchor":
+        if tether_m is None:
+            tether_m = _first_length_m(roles, motions, start)
+        winch = SimWinch(
+            name, tether, lambda _: start, publish, length_m=tether_m, start_ns=start_ns
+        )
+        return Rig(Hardware(winch=winch), delay_ns, lambda: 0)
+    rover = RoverBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
+    camera = RangeCamera(terrain, sensor, rover.pose_now, others, camera_rng, radius_m)
+    return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)
+
+
+def _first_length_m(roles: dict[str, str], motions: Motions, anchor: Pose) -> float:
+    """Return the length of tether from an Anchor-bot to where the Cliff-bot starts."""
+    for mate, role in roles.items():
+        pose = motions.pose_at(mate, 0) if role == "cliffbot" else None
+        if pose is not None:
+            way = (pose.x_m - anchor.x_m, pose.y_m - anchor.y_m, pose.z_m - anchor.z_m)
+            return math.hypot(*way) + START_SLACK_M
+    return 0.0
