@@ -132,6 +132,7 @@ class PoseFilter:
     """What a robot believes about its own pose: an extended Kalman filter on (x, y, z, yaw)."""
 
     def __init__(self, pose: Pose, covariance: Floats) -> None:
+        """Begin at a pose with a covariance (4, 4) of (x, y, z, yaw), metres and radians."""
         mean = np.array((pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad))
         self._state = Gaussian(mean, checked_covariance(covariance, 4))
 

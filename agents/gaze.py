@@ -1,6 +1,6 @@
 """What one look covers, and how much of it: the camera's field of view over a map.
 
-Pan turns the camera about the vertical, tilt lifts its axis, and an arm keeps it level; its rays are
+Pan turns the camera about the vertical, tilt lifts its axis, an arm keeps it level; its rays are
 spread evenly over azimuth and elevation angle. A cell may be in sight and still give no point: far
 ground lies so flat that the sensor's rows pass over it (the chance that a cell gets a ray is
 `1 - exp(-n)` for n rays expected by solid angle), and ground that is met at a very flat

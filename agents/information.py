@@ -132,6 +132,7 @@ class Interest:
     """
 
     def __init__(self, shape: tuple[int, int], beta: float) -> None:
+        """Begin with full interest everywhere; `beta` >= 0 says how fast it is lost."""
         if not (beta >= 0 and math.isfinite(beta)):
             raise InformationError(f"beta is {beta}: it must be a finite number >= 0")
         self._beta = beta

@@ -187,6 +187,16 @@ def _prolong(coarse: np.ndarray, weight: np.ndarray, u: np.ndarray) -> None:
                 )
 
 
+@kernel
+def _dot(a: np.ndarray, b: np.ndarray) -> float:
+    """Return the scalar product, always summed in the same order (BLAS has threads)."""
+    total = 0.0
+    for i in range(a.shape[0]):
+        for j in range(a.shape[1]):
+            total += a[i, j] * b[i, j]
+    return total
+
+
 def _finest(known: np.ndarray) -> Level:
     east, north, pins, weight = (np.zeros(known.shape) for _ in range(4))
     _fine_links(known, east, north, pins)
@@ -252,10 +262,10 @@ def solve(levels: list[Level], u: Floats, f: Floats, tolerance: float, max_steps
         if np.abs(wanted).max(initial=0.0) <= 0.5 * tolerance:
             u += wanted
             return step
-        energy, before = float(np.vdot(residual, wanted)), energy
+        energy, before = _dot(residual, wanted), energy
         direction = wanted + (energy / before if step else 0.0) * direction
         _apply(direction, fine.east, fine.north, fine.weight, product)
-        length = energy / float(np.vdot(direction, product))
+        length = energy / _dot(direction, product)
         u += length * direction
         residual -= length * product
     return max_steps

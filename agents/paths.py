@@ -161,9 +161,9 @@ def _leg_cost(cost: np.ndarray, i0: int, j0: int, i1: int, j1: int) -> float:
         i = math.floor(i0 + t * (i1 - i0) + 0.5)
         j = math.floor(j0 + t * (j1 - j0) + 0.5)
         total += cost[i, j]
-        if i != before_i and j != before_j:
-            if not (cost[i, before_j] < np.inf and cost[before_i, j] < np.inf):
-                return np.inf
+        corner = i != before_i and j != before_j
+        if corner and not (cost[i, before_j] < np.inf and cost[before_i, j] < np.inf):
+            return np.inf
         before_i, before_j = i, j
     return total * length / steps
 

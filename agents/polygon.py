@@ -17,20 +17,24 @@ def split(boundary: Floats, tolerance: float) -> Ints:
     """
     count = len(boundary)
     other = int(np.argmax(((boundary - boundary[0]) ** 2).sum(axis=1)))
-    halves = [(0, other), (other, count)]
-    corners = {0, other} | {_farthest(boundary, a, b)[0] for a, b in halves}
-    ends = [*sorted(corners), count]
-    pieces = list(itertools.pairwise(ends))
+    halves = [_farthest(boundary, 0, other)[0], _farthest(boundary, other, count)[0]]
+    corners = _refined(boundary, np.unique(np.array([0, other, *halves])), tolerance)
+    while (crossing := _crossing(boundary[corners])).any():
+        corners = _refined(boundary, _divided(boundary, corners, crossing), tolerance)
+    return corners
+
+
+def _refined(boundary: Floats, corners: Ints, tolerance: float) -> Ints:
+    """Return the corners with more of them, until every point is within tolerance."""
+    found = corners.tolist()
+    pieces = list(itertools.pairwise([*found, len(boundary)]))
     while pieces:
         a, b = pieces.pop()
         at, error = _farthest(boundary, a, b)
         if error > tolerance:
-            corners.add(at)
+            found.append(at)
             pieces += [(a, at), (at, b)]
-    ordered = np.array(sorted(corners), dtype=np.int64)
-    while (crossing := _crossing(boundary[ordered])).any():
-        ordered = _divided(boundary, ordered, crossing)
-    return ordered
+    return np.array(sorted(found), dtype=np.int64)
 
 
 def errors(boundary: Floats, corners: Ints) -> Floats:

@@ -42,7 +42,8 @@ from agents.settings import (
     TetherSettings,
 )
 from agents.sharing import Sharing
-from agents.store import AnchorKey, Origin, Store
+from agents.scene import WISHED
+from agents.store import AnchorKey, Origin, Store, TileKey
 from agents.strategies import LookPlan, View, expected_visibility, strategy
 from agents.teammap import TeamMap, TileGrid
 from comms.errors import CommsError
@@ -53,6 +54,8 @@ ACTIVITIES = ("starting", "exploring", "waiting", "descending", "holding", "watc
 """What a robot may be doing, as its status says by number."""
 GATE = 25.0
 """Innovations beyond this (chi-squared, 4 degrees of freedom: 5e-5) are not believed."""
+TRAIL_POINTS = 64
+"""So many corners of the way that it came a robot remembers."""
 LEG_M = 1.0
 """A drive is cut in legs of at most this, each measured by itself."""
 
@@ -152,6 +155,7 @@ class Robot:
             settings.sharing, settings.map, self.me, len(settings.roster), self.team, disk.journal
         )
         self.strategy = strategy(settings.method)
+        self.sharing.weight = self.tile_weight
         self.interest = Interest(settings.frame.shape, settings.planner.beta)
         self.filter = PoseFilter(settings.start, settings.start_covariance)
         self.mates: dict[int, Mate] = {}
@@ -160,6 +164,7 @@ class Robot:
         self.claim: tuple[float, float, float] | None = None
         self.finished = False
         self.looks = 0
+        self.trail = [(self.pose.x_m, self.pose.y_m)]
         self.map_changed_s = 0.0
         self.rate_bps: Callable[[], float] = lambda: math.inf
         self.radio: RadioPort | None = None
@@ -253,12 +258,49 @@ class Robot:
             index = self.settings.roster.index(sighting.name)
             mate = self.mates.get(index)
             role = self.settings.roles[index]
-            if role == "anchor" and mate is not None:
+            if role == "anchor" and mate is not None and self._is_surer(mate.status, sighting):
                 self.filter.saw(
                     mate.status.pose, np.diag(mate.status.variance), sighting, gate=GATE
                 )
             elif role == "cliffbot":
                 self._tell_fix(index, sighting, exposure.t_s)
+
+    def _is_surer(self, status: Status, sighting: Sighting) -> bool:
+        """Say whether a bearing on a team-mate would tell more than is known already.
+
+        What the team-mate is wrong by, it is wrong by each time: a robot that is as sure as one
+        such look makes it learns nothing from a second one, and must not grow surer by it.
+        """
+        own = np.diag(self.filter.covariance)
+        look = np.diag(sighting.covariance) + np.array(status.variance)
+        return bool(np.any(own > look))
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether it is less sure of its pose than its map is fine."""
+        variance = np.diag(self.filter.covariance)
+        far_m = self.settings.sensor.range_m
+        cell_m = self.settings.map.cell_m
+        return bool(max(variance[:2]) > cell_m**2 or far_m**2 * variance[3] > cell_m**2)
+
+    def bearings(self) -> list[tuple[float, float]]:
+        """Return pan and tilt to the team-mates in range that stand still, the nearest first."""
+        found: list[tuple[float, float, float]] = []
+        for index, mate in sorted(self.mates.items()):
+            if self.settings.roles[index] != "anchor":
+                continue
+            distance_m, pan_rad, tilt_rad = self.bearing_to(mate.status.pose)
+            if distance_m < 0.9 * self.settings.sensor.range_m:
+                found.append((distance_m, pan_rad, tilt_rad))
+        return [(pan_rad, tilt_rad) for _, pan_rad, tilt_rad in sorted(found)]
+
+    def bearing_to(self, pose: Pose) -> tuple[float, float, float]:
+        """Return how far a pose is, and the pan and tilt that point the camera at it."""
+        dx, dy = pose.x_m - self.pose.x_m, pose.y_m - self.pose.y_m
+        distance_m = math.hypot(dx, dy)
+        up_m = pose.z_m - self.pose.z_m - self.settings.sensor.height_m
+        pan_rad = wrap_angle(math.atan2(dy, dx) - self.pose.yaw_rad)
+        return distance_m, pan_rad, math.atan2(up_m, max(distance_m, 0.1))
 
     def fuse(self, exposure: Exposure, expected: Floats) -> None:
         """Fuse one look into the own layer (Eqs. 19-21), and lose interest in what failed."""
@@ -318,12 +360,31 @@ class Robot:
             sensor=self.settings.sensor,
             drive=self.settings.drive,
             planner=self.settings.planner,
-            claims=[
-                mate.status.claim
-                for _, mate in sorted(self.mates.items())
-                if mate.status.claim is not None
-            ],
+            claims=self._regions(wished=False),
+            wishes=tuple(self._regions(wished=True)),
+            trail_m=np.array(self.trail),
         )
+
+    def _regions(self, *, wished: bool) -> list[tuple[float, float, float]]:
+        """Return what team-mates wait to know, or said that they will look at themselves."""
+        return [
+            mate.status.claim
+            for index, mate in sorted(self.mates.items())
+            if mate.status.claim is not None
+            and (self.settings.roles[index] == "cliffbot") == wished
+        ]
+
+    def tile_weight(self, key: TileKey) -> float:
+        """Return how much more a tile is worth to the team than any other, for what it is doing."""
+        rows, cols = self.grid.window(key.tile)
+        frame = self.settings.frame
+        x_m, y_m = frame.centre_of((rows.start + rows.stop) // 2, (cols.start + cols.stop) // 2)
+        near_m = 0.7 * self.grid.tile_cells * frame.cell_m
+        wished = any(
+            math.hypot(x_m - x, y_m - y) < radius + near_m
+            for x, y, radius in self._regions(wished=True)
+        )
+        return WISHED if wished else 1.0
 
     def choose_look(self) -> LookPlan | None:
         """Choose the next look (Eq. 23), and say to the others where it will be."""
@@ -341,6 +402,13 @@ class Robot:
         )
         self.tell_status()
         return plan
+
+    def wish_to_know(self, goal_m: tuple[float, float]) -> None:
+        """Tell the team that this robot waits to know the ground between itself and a point."""
+        x_m, y_m = (self.pose.x_m + goal_m[0]) / 2, (self.pose.y_m + goal_m[1]) / 2
+        half_m = math.dist((self.pose.x_m, self.pose.y_m), goal_m) / 2
+        self.claim = (x_m, y_m, half_m + self.settings.drive.footprint_m)
+        self.tell_status()
 
     async def travel(self, path_m: Floats) -> bool:
         """Drive along a path (N, 2) in the team frame; return whether its end was reached."""
@@ -366,6 +434,8 @@ class Robot:
         assert body is not None
         odometry = await body.drive(turn_rad, forward_m)
         self.filter.predict(odometry)
+        self.trail.append((self.pose.x_m, self.pose.y_m))
+        del self.trail[:-TRAIL_POINTS]
         if odometry.halted:
             self.log.event("halted", odometry.halted)
         return not odometry.halted

@@ -24,6 +24,8 @@ PATIENCE_S = 5.0
 """How often a robot that waits looks again."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
+STAND_COST = 10.0
+"""Cost of a metre at its own stand, where the map would forbid it."""
 TRIES = 40
 """Steps that may fail on a descent before the Cliff-bot gives up and stays."""
 
@@ -38,9 +40,19 @@ async def explore(robot: Robot) -> None:
         if plan is None:
             break
         await robot.travel(plan.path_m)
+        if robot.is_lost:
+            await take_bearing(robot)
         await robot.look(wrap_angle(plan.heading_rad - robot.pose.yaw_rad), plan.tilt_rad)
     robot.log.event("explored", f"after {robot.looks} looks no other look is worth its way")
     await watch(robot)
+
+
+async def take_bearing(robot: Robot) -> None:
+    """Look at the nearest team-mate that stands still, to know again where this robot is."""
+    for pan_rad, tilt_rad in robot.bearings():
+        await robot.look(pan_rad, tilt_rad)
+        if not robot.is_lost:
+            break
 
 
 async def watch(robot: Robot) -> None:
@@ -51,12 +63,9 @@ async def watch(robot: Robot) -> None:
         doing = ACTIVITIES[mate.activity]
         if doing == "done":
             break
-        dx, dy = mate.pose.x_m - robot.pose.x_m, mate.pose.y_m - robot.pose.y_m
-        distance_m = math.hypot(dx, dy)
+        distance_m, pan_rad, tilt_rad = robot.bearing_to(mate.pose)
         if doing == "descending" and distance_m < robot.settings.sensor.range_m:
-            up_m = mate.pose.z_m - robot.pose.z_m - robot.settings.sensor.height_m
-            bearing_rad = wrap_angle(math.atan2(dy, dx) - robot.pose.yaw_rad)
-            await robot.look(bearing_rad, math.atan2(up_m, distance_m))
+            await robot.look(pan_rad, tilt_rad)
         await asyncio.sleep(PATIENCE_S)
     robot.set_activity("done")
     robot.finished = True
@@ -67,6 +76,7 @@ async def descend(robot: Robot) -> None:
     robot.set_activity("waiting")
     assert robot.settings.goal_m is not None
     goal = robot.settings.goal_m
+    robot.wish_to_know(goal)
     planned_s = -math.inf
     while True:
         if planned_s < robot.map_changed_s:
@@ -81,6 +91,7 @@ async def descend(robot: Robot) -> None:
             return
         await asyncio.sleep(PATIENCE_S)
     robot.log.event("safe path", f"{_length_m(path_m):.1f} m")
+    robot.claim = None
     robot.set_activity("descending")
     arrived = await go_down(robot, goal)
     robot.log.event("reached" if arrived else "stuck", "" if arrived else "the way is barred")
@@ -140,11 +151,11 @@ ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
 
 def safe_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
     """Return a way (N, 2) over known and safe ground to the goal, or None where there is none."""
-    fused = robot.team.fused()
     drive = robot.settings.drive
+    elevation_m, sigma_m = _with_own_stand(robot)
     cost = traversability(
-        fused.elevation_m,
-        np.sqrt(fused.variance_m2),
+        elevation_m,
+        sigma_m,
         cell_m=robot.settings.map.cell_m,
         footprint_m=drive.footprint_m,
         wheel_m=drive.wheel_m,
@@ -156,12 +167,30 @@ def safe_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
     end = frame.cell_of(*goal)
     if not (frame.holds(*start) and frame.holds(*end)):
         return None
-    cost[start] = min(cost[start], 10.0)  # it stands there, so one can stand there
+    cost[start] = min(cost[start], STAND_COST)  # it stands there, so one can stand there
     distance_m, parent = travel_field(cost, np.array([start]), frame.cell_m)
     if not math.isfinite(distance_m[end]):
         return None
     cells = straight_legs(path_to(parent, end), cost)
     return np.array([frame.centre_of(int(row), int(col)) for row, col in cells])
+
+
+def _with_own_stand(robot: Robot) -> tuple[Floats, Floats]:
+    """Return elevation and sigma of the team map, with the ground under its own wheels known.
+
+    No camera sees the ground that a robot stands on; its wheels tell its height.
+    """
+    fused = robot.team.fused()
+    elevation_m, sigma_m = fused.elevation_m.copy(), np.sqrt(fused.variance_m2)
+    frame, pose = robot.settings.frame, robot.pose
+    rows, cols = np.indices(frame.shape)
+    x_m = frame.x_m + (cols + 0.5) * frame.cell_m - pose.x_m
+    y_m = frame.y_m + (rows + 0.5) * frame.cell_m - pose.y_m
+    under = np.hypot(x_m, y_m) <= 0.75 * robot.settings.drive.footprint_m
+    unseen = under & np.isnan(elevation_m)
+    elevation_m[unseen] = pose.z_m
+    sigma_m[unseen] = 0.5 * robot.settings.drive.wheel_m
+    return elevation_m, sigma_m
 
 
 def _step_along(path_m: Floats) -> tuple[float, float]:

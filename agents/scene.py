@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 
 from agents import edge, markov, paths, surface
@@ -16,8 +17,10 @@ BODY_M = 0.6
 """Height of a team-mate's body, which hides what is behind it."""
 CLAIMED = 0.3
 """What a cell is still worth that a team-mate said it will look at."""
+WISHED = 3.0
+"""How much more a cell is worth on ground that a team-mate waits to know."""
 NEAR_COST = 4.0
-"""Cost of a metre on ground beside the robot that lies outside the inset polygon."""
+"""Cost of a metre on the ground that a robot crosses back into the inset polygon."""
 
 
 class ViewError(AgentError):
@@ -45,12 +48,17 @@ class View:
     planner: PlannerSettings
     claims: list[tuple[float, float, float]]
     """(x, y, radius) in metres that team-mates said they will look at."""
+    wishes: tuple[tuple[float, float, float], ...] = ()
+    """(x, y, radius) of ground that a team-mate waits to know."""
+    trail_m: Floats | None = None
+    """(N, 2) where the robot has been: it can always go back the way it came."""
 
 
 class Scene:
     """What follows from one view, each part worked out once and only when asked for."""
 
     def __init__(self, view: View) -> None:
+        """Check the view; raise `ViewError` if the robot is off the map or a grid's shape wrong."""
         row, col = view.frame.cell_of(view.pose.x_m, view.pose.y_m)
         if not view.frame.holds(row, col):
             raise ViewError(f"the robot at {view.pose} lies outside the map {view.frame.extent_m}")
@@ -106,6 +114,8 @@ class Scene:
         worth = (1.0 - filled) * view.interest
         for x_m, y_m, radius_m in view.claims:
             worth[self._within(x_m, y_m, radius_m)] *= CLAIMED
+        for x_m, y_m, radius_m in view.wishes:
+            worth[self._within(x_m, y_m, radius_m)] *= WISHED
         for mate in view.others:
             worth[self._within(mate.x_m, mate.y_m, 0.5 * view.drive.footprint_m)] = 0.0
         return worth
@@ -118,12 +128,16 @@ class Scene:
 
     @cached_property
     def trusted_distance_m(self) -> Floats:
-        """(H, W) as `known_distance_m`, but the ring about the robot that no look reaches counts.
+        """(H, W) as `known_distance_m`; about a robot on unmeasured ground the blind ring counts.
 
-        The camera can't see the ground below the steepest look; the robot came to stand there,
-        and what lies between its wheels and the seen ground is estimated from both sides.
+        The camera can't see the ground below the steepest look. Where the robot was put down it
+        has to trust what lies between its wheels and the seen ground, estimated from both sides;
+        wherever it has driven since was measured before, and nothing is trusted.
         """
         view = self.view
+        under = self._within(view.pose.x_m, view.pose.y_m, 0.5 * view.drive.footprint_m)
+        if np.isnan(view.elevation_m[under]).mean() < 0.5:
+            return self.known_distance_m
         down_deg = 0.5 * view.sensor.fov_vertical_deg - min(view.planner.tilts_deg)
         blind_m = view.sensor.height_m / math.tan(math.radians(min(80.0, max(10.0, down_deg))))
         blind_m = min(blind_m, 2.0 * view.drive.footprint_m) + view.drive.wheel_m
@@ -150,7 +164,11 @@ class Scene:
 
     @cached_property
     def cost(self) -> Floats:
-        """(H, W) cost of a metre: 1 where the robot may drive, inf elsewhere and at team-mates."""
+        """(H, W) cost of a metre: 1 where the robot may drive, inf elsewhere and at team-mates.
+
+        A robot that has come outside the inset polygon (the map has changed, or its pose) may
+        cross the passable ground beside it that is no nearer to the rim than it is.
+        """
         view, drive = self.view, self.view.drive
         sizes = {
             "cell_m": view.frame.cell_m,
@@ -161,12 +179,25 @@ class Scene:
         layers = edge.ground_layers(
             self.edge, self.ground_m, self.trusted_distance_m, self.sigma_m, **sizes
         )
-        cost = np.where(layers.drivable(drive.wheel_m + 0.5 * drive.footprint_m), 1.0, np.inf)
-        beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
-        cost[beside & layers.passable & np.isinf(cost)] = NEAR_COST
+        inset_m = drive.wheel_m + 0.5 * drive.footprint_m
+        cost = np.where(layers.drivable(inset_m), 1.0, np.inf)
+        if np.isinf(cost[self.cell]):
+            beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
+            inward = layers.rim_m >= min(inset_m, layers.rim_m[self.cell])
+            cost[beside & inward & layers.passable & np.isinf(cost)] = NEAR_COST
+        cost[self._trail() & np.isinf(cost)] = NEAR_COST
         for mate in view.others:
             cost[self._within(mate.x_m, mate.y_m, 1.25 * drive.footprint_m)] = np.inf
         return cost
+
+    def _trail(self) -> Bools:
+        """(H, W) the cells of the way that the robot has come."""
+        trail = np.zeros(self.view.frame.shape, dtype=np.uint8)
+        way = self.view.trail_m
+        if way is not None and len(way) > 1:
+            cells = self.view.frame.cells_of(way)[:, ::-1].astype(np.int32)
+            cv2.polylines(trail, [cells.reshape(-1, 1, 2)], False, 1, 2)
+        return trail > 0
 
     @cached_property
     def travel(self) -> tuple[Floats, Ints]:

@@ -35,9 +35,9 @@ class SensorSettings(Settings):
     """Horizontal field of view."""
     fov_vertical_deg: Annotated[float, Field(gt=1, le=120)] = 45.0
     near_m: NotNegative = 0.4
-    range_m: Annotated[float, Field(gt=0, le=1000)] = 10.0
+    range_m: Annotated[float, Field(gt=0, le=1000)] = 12.0
     """Depth of field: nothing is measured beyond."""
-    height_m: Positive = 1.4
+    height_m: Positive = 1.6
     """Height of the camera over the ground contact."""
     columns: Annotated[int, Field(ge=4, le=2000)] = 192
     rows: Annotated[int, Field(ge=4, le=2000)] = 144
@@ -69,8 +69,8 @@ class DriveSettings(Settings):
     """The same, drawn once per robot."""
     odometry_sigma: NotNegative = 0.01
     """Odometry error along the way, per metre driven."""
-    yaw_sigma_deg_per_m: NotNegative = 0.3
-    yaw_sigma_deg_per_turn: NotNegative = 0.3
+    yaw_sigma_deg_per_m: NotNegative = 0.1
+    yaw_sigma_deg_per_turn: NotNegative = 0.1
     """Heading error of one turn on the spot, per radian turned."""
 
 
@@ -83,7 +83,7 @@ class PlannerSettings(Settings):
     """w_d, on path length as a share of the sensor's range."""
     w_localisation: NotNegative = 0.1
     """w_LE, on the expected localisation error along the path, as a share of a cell."""
-    n_max: Annotated[int, Field(ge=1)] = 3
+    n_max: Annotated[int, Field(ge=1)] = 2
     """n_max of Eq. 3, in looks: a cell measured in that many looks is worth nothing more."""
     beta: NotNegative = 1.0
     """beta of Eq. 9: how fast interest in cells that can't be measured is lost."""
@@ -94,7 +94,7 @@ class PlannerSettings(Settings):
     tilts_deg: tuple[Annotated[float, Field(ge=-90, le=45)], ...] = (-15.0, -38.0)
     """Tilts tried at each heading."""
     max_candidates: Annotated[int, Field(ge=1)] = 150
-    min_gain_cells: NotNegative = 60.0
+    min_gain_cells: NotNegative = 250.0
     """Exploration is over when no look promises this many bits of Eq. 3 (one fresh cell: 1)."""
     max_looks: Annotated[int, Field(ge=1)] = 200
 

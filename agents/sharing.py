@@ -41,6 +41,8 @@ class Steps:
     """Bytes at which each level is whole."""
     bits: tuple[float, ...]
     """Information of the tile at each level, against the prior."""
+    known_bytes: int
+    """Length of the prefix that this was worked out from."""
 
     def bits_at(self, prefix_bytes: int) -> float:
         """Return the information of a prefix: that of its last whole level."""
@@ -294,7 +296,7 @@ class Sharing:
 
     def _steps_of(self, key: TileKey, version: Version) -> Steps:
         known = self._steps.get((key, version.number))
-        if known is None or known.ends[-1] < version.prefix_bytes:
+        if known is None or known.known_bytes < version.prefix_bytes:
             known = _steps(version.prefix, level_ends(version.prefix), self.map.prior_sigma_m)
             self._steps[(key, version.number)] = known
         return known
@@ -323,4 +325,4 @@ def _steps(data: bytes, ends: tuple[int, ...], prior_sigma_m: float) -> Steps:
         variance = tile.sigma_m[tile.known].astype(np.float64) ** 2 + tile.bound_m**2 * UNIFORM
         gains = np.maximum(0.0, 0.5 * np.log2(prior_sigma_m**2 / variance))
         bits.append(float(np.sum(gains)))
-    return Steps(tuple(ends), tuple(bits))
+    return Steps(tuple(ends), tuple(bits), len(data))

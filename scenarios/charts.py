@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 _STEPS = 400
 """Moments at which sums are drawn: a pixel or two each."""
-INCIDENTS = ("kill", "stop", "resume", "restart", "join", "link")
+INCIDENTS = ("kill", "stop", "resume", "restart", "join", "link", "died")
 """Events that change what the robots can do, and are marked."""
 
 

@@ -86,7 +86,8 @@ def draw_ground(
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")
     _draw_scale(figure, axes, scale)
-    axes.legend(loc="upper left", fontsize=10, frameon=True, facecolor="white", framealpha=0.88)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left", fontsize=10, frameon=True, facecolor="white", framealpha=0.88)
 
 
 def _draw_contours(axes: "Axes", elevation_m: Singles, frame: GridFrame, scale: Scale) -> None:

@@ -148,10 +148,12 @@ def _draw_robot_map(
     axes.spines[:].set_visible(False)
     state = "" if robot.state == "alive" else f" ({robot.state})"
     axes.set_title(f"Map of {robot.name}{state}", color=way.colour)
-    axes.set_xlabel(map_facts(robot, overview.truth), fontsize=10.5, loc="left")
+    small = 8.5 if len(overview.robots) > 4 else 10.5
+    axes.set_xlabel(map_facts(robot, overview.truth), fontsize=small, loc="left")
     if not np.isfinite(elevation_m).any():
         centre: dict[str, Any] = {"ha": "center", "va": "center", "transform": axes.transAxes}
-        axes.text(0.5, 0.5, "knows nothing", color=INK, fontsize=12, **centre)
+        words = "no map at the end" if robot.elevation_m is None else "knows nothing"
+        axes.text(0.5, 0.5, words, color=INK, fontsize=12, **centre)
     show_robot(axes, way, size=9)
 
 

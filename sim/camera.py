@@ -115,7 +115,7 @@ def measured(
 class RangeCamera:
     """`agents.ports.Camera` over simulated ground."""
 
-    def __init__(  # noqa: PLR0917 (all that a camera is made of)
+    def __init__(
         self,
         terrain: Terrain,
         sensor: SensorSettings,

@@ -38,7 +38,9 @@ class Segment:
         """Return how much of the span has passed, in [0, 1]."""
         if t_ns >= self.end_ns:
             return 1.0
-        return max(0, t_ns - self.start_ns) / (self.end_ns - self.start_ns)
+        if t_ns <= self.start_ns:
+            return 0.0
+        return (t_ns - self.start_ns) / (self.end_ns - self.start_ns)
 
     def pose_at(self, t_ns: int) -> Pose:
         """Return the pose at a time; the ends themselves exactly."""

@@ -22,6 +22,8 @@ ROOM_M = 6.0
 """What a team likes to have between itself and the window's border."""
 GOAL_REACH_M = (10.0, 20.0, 35.0)
 """How far off the foot of the drop is looked for."""
+GOAL_SLOPES_DEG = (STANDABLE_DEG, 20.0, 25.0, 34.0)
+"""How steep it may be, at last as steep as friction holds."""
 WHEEL_M = 0.2
 """Wheel of the rovers that are placed: rocks of more than half of it are kept clear."""
 
@@ -58,6 +60,7 @@ class _Crew:
         self.footing = footing
         self.frame = footing.frame
         self.radius_m = radius_m
+        self.ground = standable
         self.free = standable.copy()
         rows, cols = np.indices(self.frame.shape)
         self.x_m = self.frame.x_m + (cols + 0.5) * self.frame.cell_m
@@ -82,6 +85,8 @@ class _Crew:
         else:
             x, y, yaw = _middle_of_edge(self.footing, edge_m)
         ahead, left = (math.cos(yaw), math.sin(yaw)), (-math.sin(yaw), math.cos(yaw))
+        # All on the ground behind the lip: the foot of a steep face may be nearer to a wish.
+        self._keep_joined(x - RECON_BACK_M * ahead[0], y - RECON_BACK_M * ahead[1])
 
         def put(forward_m: float, left_m: float) -> Pose:
             return self.put(
@@ -116,13 +121,12 @@ class _Crew:
                 middle[0] + ring_m * math.cos(yaw), middle[1] + ring_m * math.sin(yaw), yaw
             )
             if i == 0:  # the others stay on the ground that the first can reach
-                self.free &= self._reachable(poses[0])
+                self._keep_joined(poses[0].x_m, poses[0].y_m)
         return poses
 
-    def _reachable(self, pose: Pose) -> Bools:
-        """Return the free cells joined to a pose by free or occupied standable ground."""
-        standable = self.footing.standable(STANDABLE_DEG)
-        return region_of(standable, *self.frame.cell_of(pose.x_m, pose.y_m))
+    def _keep_joined(self, x_m: float, y_m: float) -> None:
+        """Keep free only what standable ground joins to a point (or to what is nearest to it)."""
+        self.free &= region_of(self.ground, *self.frame.cell_of(x_m, y_m))
 
 
 def _indices(roles: Sequence[str], role: str) -> list[int]:
@@ -187,9 +191,10 @@ def descent_goal(
 ) -> tuple[float, float]:
     """Return (x, y) of the ground to which a Cliff-bot is to be let down, in the world frame.
 
-    Flat ground free of rocks in a cone about the way that the Cliff-bot faces, joined to it by
-    ground free of rocks and steps: nearly the lowest within 10 m, and of that the nearest; where
-    the drop reaches farther, within 20 or 35 m. Raises WorldError where there is none.
+    Flat ground (or the flattest) free of rocks, in a cone about the way that the Cliff-bot faces,
+    joined to it by ground free of rocks and steps: nearly the lowest within 10 m, and of that the
+    nearest; where the drop reaches farther, within 20 or 35 m. Raises WorldError where there is
+    none.
     """
     footing = Footing(terrain, footprint_m, wheel_m)
     away, aside = _polar(footing, cliffbot)
@@ -198,7 +203,7 @@ def descent_goal(
     joined = region_of(passable, *footing.frame.cell_of(cliffbot.x_m, cliffbot.y_m))
     cone = (aside < math.radians(50)) & (away >= 3.0) & footing.open
     best: Floats | None = None
-    for reach_m, steepest_deg in itertools.product(GOAL_REACH_M, (STANDABLE_DEG, 20.0, 25.0)):
+    for reach_m, steepest_deg in itertools.product(GOAL_REACH_M, GOAL_SLOPES_DEG):
         near = cone & (away <= reach_m)
         good = near & joined & (footing.slope_deg <= steepest_deg)
         if not good.any():

@@ -71,7 +71,7 @@ def block_exit(at: float, speed: float) -> float:
 
 
 @kernels.kernel
-def cast_one(  # noqa: PLR0917 (kernels take no keywords)
+def cast_one(
     ground: Singles, tops: Floats, cell_m: float, eye: Floats, ray: Floats, limit_m: float
 ) -> float:
     """Return the distance along one ray to the ground, in m; NaN where it meets none.
@@ -113,7 +113,7 @@ def cast_one(  # noqa: PLR0917 (kernels take no keywords)
 
 
 @kernels.kernel
-def cast(  # noqa: PLR0917 (kernels take no keywords)
+def cast(
     ground: Singles, tops: Floats, cell_m: float, eye: Floats, rays: Floats, limits_m: Floats
 ) -> Floats:
     """Return (N, 4) of distance in m, cosine of incidence, u and v of the ground that rays meet.
@@ -134,7 +134,7 @@ def cast(  # noqa: PLR0917 (kernels take no keywords)
 
 
 @kernels.kernel
-def cylinder_limits(  # noqa: PLR0917 (kernels take no keywords)
+def cylinder_limits(
     eye_m: Floats, rays: Floats, feet_m: Floats, radius_m: float, height_m: float, limit_m: float
 ) -> Floats:
     """Return (N,) how far each ray goes before it meets an upright cylinder, at most `limit_m`.
@@ -162,7 +162,7 @@ def cylinder_limits(  # noqa: PLR0917 (kernels take no keywords)
 
 
 @kernels.kernel
-def mark_seen(  # noqa: PLR0917 (kernels take no keywords)
+def mark_seen(
     ground: Singles,
     cell_m: float,
     eye: Floats,

@@ -174,9 +174,10 @@ def texture(poor_share: float, frame: GridFrame, rng: np.random.Generator) -> Si
 def _lobed_distance(frame: GridFrame, rng: np.random.Generator) -> Floats:
     """Return each cell's distance from a random place, shortened by lobes that depend on bearing.
 
+    The place lies in the west, as the poor region of the paper's sandpit lies on the left.
     What lies within any bound of it is seen whole from that place, hence one region.
     """
-    row, col = rng.uniform(0.15, 0.85, 2) * (frame.rows, frame.cols)
+    row, col = rng.uniform((0.15, 0.05), (0.85, 0.25)) * (frame.rows, frame.cols)
     rows, cols = np.indices(frame.shape)
     bearing = np.arctan2(rows - row, cols - col)
     lobes = np.ones(frame.shape)

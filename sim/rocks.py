@@ -78,7 +78,7 @@ def within(rocks: Rocks, x_m: float, y_m: float, radius_m: float) -> Rocks:
 
 
 @kernels.kernel
-def _render(  # noqa: PLR0917 (kernels take no keywords)
+def _render(
     out: Singles,
     x_cells: Floats,
     y_cells: Floats,

@@ -50,7 +50,7 @@ class RoverBody:
     `hazards_hit` counts how often its circle came onto a rock or a step (`sim.ground.hazard_mask`).
     """
 
-    def __init__(  # noqa: PLR0917 (all that a body is made of)
+    def __init__(
         self,
         name: str,
         terrain: Terrain,

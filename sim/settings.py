@@ -18,13 +18,14 @@ class TerrainSettings(Settings):
     """Made-up ground, used while `file` is empty."""
     file: str = ""
     """Elevation file: .npz (`elevation` in m, NaN unknown, `cell_size` in m, row 0 north) or
-    GeoTIFF. Where it is given, `kind` and the keys of made-up ground say nothing."""
+    GeoTIFF. Where it is given, `kind` and the keys of made-up ground but `texture_poor` say
+    nothing."""
     cell_m: Annotated[float, Field(gt=0, le=1000)] | None = None
     """Reads the file's shapes at another scale: its cells are taken to be this large, and its
     heights are scaled alike, so that slopes stay."""
     drop_m: Annotated[float, Field(ge=0.5, le=200)] = 6.0
     """Height of the cliff."""
-    slope_deg: Annotated[float, Field(ge=20, le=85)] = 50.0
+    slope_deg: Annotated[float, Field(ge=20, le=85)] = 45.0
     """Steepness of the cliff's face."""
     lip_m: Annotated[float, Field(ge=0.05, le=2)] = 0.25
     """Length over which the face bends at its lip and its foot."""

@@ -37,7 +37,7 @@ class TetheredBody(RoverBody):
     slides down until one holds it, or the ground does ("slid"). It is checked at every step.
     """
 
-    def __init__(  # noqa: PLR0917 (all that a body is made of)
+    def __init__(
         self,
         name: str,
         terrain: Terrain,

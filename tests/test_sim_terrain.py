@@ -158,9 +158,11 @@ def test_the_lip_and_the_face_of_a_smooth_cliff_are_no_hazards() -> None:
     assert not hazard_mask(terrain, 0.2, 0.8).any()
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_a_cliff_team_stands_round_the_lip_and_has_somewhere_to_go(seed: int) -> None:
-    terrain = made(seed)
+@pytest.mark.parametrize(("seed", "slope_deg"), [(0, 50.0), (1, 50.0), (2, 50.0), (3, 75.0)])
+def test_a_cliff_team_stands_round_the_lip_and_has_somewhere_to_go(
+    seed: int, slope_deg: float
+) -> None:
+    terrain = made(seed, slope_deg=slope_deg)
     poses = place_team(terrain, TEAM, 0.4, np.random.default_rng(seed))
     _check_standing(terrain, list(poses.values()))
     recon, cliffbot, left, right = (poses[i] for i in range(4))

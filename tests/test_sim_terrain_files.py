@@ -7,8 +7,8 @@ import pytest
 import rasterio
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rasterio import Affine
 from rasterio.errors import NotGeoreferencedWarning
-from rasterio.transform import from_origin
 from sim_helpers import DEMS, needs
 
 from sim.errors import WorldError
@@ -32,7 +32,7 @@ def npz(tmp_path: Path, **arrays: Any) -> str:
 
 def tif(tmp_path: Path, data: np.ndarray, **profile: Any) -> str:
     path = tmp_path / "ground.tif"
-    keys: dict[str, Any] = {"crs": "EPSG:32633", "transform": from_origin(5e5, 5e6, 0.5, 0.5)}
+    keys: dict[str, Any] = {"crs": "EPSG:32633", "transform": Affine(0.5, 0, 5e5, 0, -0.5, 5e6)}
     keys |= profile
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
@@ -183,11 +183,11 @@ def test_other_bad_files_are_named_with_what_is_wrong(tmp_path: Path) -> None:
         with pytest.raises(WorldError, match="no readable"):
             window(str(path), 0.1)
     in_degrees = tif(
-        tmp_path, south_low(), crs="EPSG:4326", transform=from_origin(8, 47, 1e-5, 1e-5)
+        tmp_path, south_low(), crs="EPSG:4326", transform=Affine(1e-5, 0, 8, 0, -1e-5, 47)
     )
     with pytest.raises(WorldError, match="not given in m"):
         window(in_degrees, 0.1)
     assert read_elevation(in_degrees, 0.5).cell_m == 0.5
-    oblong = tif(tmp_path, south_low(), transform=from_origin(5e5, 5e6, 0.5, 0.7))
+    oblong = tif(tmp_path, south_low(), transform=Affine(0.5, 0, 5e5, 0, -0.7, 5e6))
     with pytest.raises(WorldError, match="square cells"):
         window(oblong, 0.1)
