@@ -79,19 +79,22 @@ class Disk:
         except OSError as error:
             raise DiskError(f"{self.folder / 'journal'}: cannot be written: {error}") from error
 
-    def save_layer(self, layer: OwnLayer, pose: Pose, covariance: Floats) -> None:
-        """Write the own layer and the believed pose, whole or not at all.
-
-        Raises:
-            DiskError: it could not be written; the file before stays.
-
-        """
-        content = (
+    def layer_content(self, layer: OwnLayer, pose: Pose, covariance: Floats) -> tuple[object, ...]:
+        """Return the own layer and the believed pose as `save_layer` takes them: a copy."""
+        return (
             self.incarnation,
             _numbers(pose),
             covariance.ravel().tolist(),
             [_submap_record(submap) for submap in layer.submaps],
         )
+
+    def save_layer(self, content: tuple[object, ...]) -> None:
+        """Write what `layer_content` gave, whole or not at all.
+
+        Raises:
+            DiskError: it could not be written; the file before stays.
+
+        """
         self._replace(self.folder / "layer", zlib.compress(_packed(content), 1))
 
     def recover(self, frame: GridFrame) -> Recovered:

@@ -232,10 +232,11 @@ class Robot:
             f"{self.own.known_cells()} unpublished cells from disk",
         )
 
-    def save(self) -> None:
+    async def save(self) -> None:
         """Write the own layer to disk; a disk that fails is told, and the robot goes on."""
+        content = self.disk.layer_content(self.own, self.pose, self.filter.covariance)
         try:
-            self.disk.save_layer(self.own, self.pose, self.filter.covariance)
+            await asyncio.to_thread(self.disk.save_layer, content)
         except DiskError as error:
             self.log.event("disk", str(error))
 
@@ -246,11 +247,13 @@ class Robot:
         camera = self.hardware.camera
         assert camera is not None
         exposure = await camera.look(pan_rad, tilt_rad)
-        expected = expected_visibility(self.view(), self.pose, pan_rad, tilt_rad)
+        expected = await asyncio.to_thread(
+            expected_visibility, self.view(), self.pose, pan_rad, tilt_rad
+        )
         self.localise(exposure)
         self.fuse(exposure, expected)
-        self.save()
         self.looks += 1
+        await self.save()
 
     def localise(self, exposure: Exposure) -> None:
         """Take bearings on team-mates that stand still, and tell moving ones where they are."""
@@ -386,9 +389,13 @@ class Robot:
         )
         return WISHED if wished else 1.0
 
-    def choose_look(self) -> LookPlan | None:
-        """Choose the next look (Eq. 23), and say to the others where it will be."""
-        plan = self.strategy.choose(self.view(), self.rng)
+    async def choose_look(self) -> LookPlan | None:
+        """Choose the next look (Eq. 23), and say to the others where it will be.
+
+        On a real clock the radio goes on while the robot thinks; on the virtual one thinking takes
+        no time.
+        """
+        plan = await asyncio.to_thread(self.strategy.choose, self.view(), self.rng)
         if plan is None:
             self.claim = None
             return None

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from agents.geometry import Floats, wrap_angle
+from agents.geometry import Floats, Pose, wrap_angle
 from agents.messages import TetherCommand, pack_tethers
 from agents.paths import path_to, straight_legs, travel_field, traversability
-from agents.robot import ACTIVITIES, Robot
+from agents.robot import ACTIVITIES, AgentSettings, Robot
 from comms.frames import Kind
 
 SILENT_S = 240.0
@@ -36,7 +36,7 @@ async def explore(robot: Robot) -> None:
     for pan_rad in np.linspace(0.0, 2 * math.pi, 6, endpoint=False):
         await robot.look(wrap_angle(float(pan_rad)), math.radians(-25.0))
     while robot.looks < robot.settings.planner.max_looks:
-        plan = robot.choose_look()
+        plan = await robot.choose_look()
         if plan is None:
             break
         await robot.travel(plan.path_m)
@@ -81,7 +81,7 @@ async def descend(robot: Robot) -> None:
     while True:
         if planned_s < robot.map_changed_s:
             planned_s = robot.now_s
-            path_m = safe_path(robot, goal)
+            path_m = await find_path(robot, goal)
             if path_m is not None:
                 break
         if _nothing_more_to_come(robot):
@@ -103,7 +103,7 @@ async def go_down(robot: Robot, goal: tuple[float, float]) -> bool:
     """Go down step by step, each by the newest map; return whether the goal was reached."""
     failures = 0
     while math.dist((robot.pose.x_m, robot.pose.y_m), goal) > robot.settings.map.cell_m:
-        path_m = safe_path(robot, goal)
+        path_m = await find_path(robot, goal)
         if path_m is None or failures > TRIES:
             return False
         x_m, y_m = _step_along(path_m)
@@ -149,21 +149,33 @@ ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
 }
 
 
-def safe_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
-    """Return a way (N, 2) over known and safe ground to the goal, or None where there is none."""
-    drive = robot.settings.drive
+async def find_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
+    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none."""
     elevation_m, sigma_m = _with_own_stand(robot)
+    stand = robot.pose
+    return await asyncio.to_thread(safe_path, robot.settings, elevation_m, sigma_m, stand, goal)
+
+
+def safe_path(
+    settings: AgentSettings,
+    elevation_m: Floats,
+    sigma_m: Floats,
+    stand: Pose,
+    goal: tuple[float, float],
+) -> Floats | None:
+    """Return a way (N, 2) over known and safe ground from a stand to a goal, or None."""
+    drive = settings.drive
     cost = traversability(
         elevation_m,
         sigma_m,
-        cell_m=robot.settings.map.cell_m,
+        cell_m=settings.map.cell_m,
         footprint_m=drive.footprint_m,
         wheel_m=drive.wheel_m,
         max_slope_deg=drive.max_slope_deg,
         tethered=True,
     )
-    frame = robot.settings.frame
-    start = frame.cell_of(robot.pose.x_m, robot.pose.y_m)
+    frame = settings.frame
+    start = frame.cell_of(stand.x_m, stand.y_m)
     end = frame.cell_of(*goal)
     if not (frame.holds(*start) and frame.holds(*end)):
         return None

@@ -220,3 +220,22 @@ def test_a_small_mission_maps_the_plateau_without_falling_and_beats_the_raster()
     paper, raster = mission("information-interest", 16), mission("raster", 16)
     assert paper[-1] > 5000
     assert paper[-1] > 1.1 * raster[-1]
+
+
+def test_the_blind_ring_is_trusted_only_where_the_robot_was_put_down():
+    y, x = np.mgrid[:120, :120] * 0.1
+    apart = np.hypot(x - 6, y - 8)
+    put_down = Scene(view_of(np.where((apart > 0.7) & (apart < 3), 0.0, np.nan)))
+    assert put_down.edge.plateau[80, 60:69].all()
+    beside_the_lip = np.where(y > 7.4, 0.0, np.nan)
+    scene = Scene(view_of(beside_the_lip))
+    assert not scene.edge.plateau[y < 7.1].any()
+    assert np.isinf(scene.cost[y < 7.7]).all()
+
+
+def test_a_robot_outside_the_inset_polygon_may_only_go_inward():
+    y, _ = np.mgrid[:120, :120] * 0.1
+    scene = Scene(view_of(np.where(y > 7.7, 0.0, np.nan)))
+    assert 1 < scene.cost[scene.cell] < np.inf
+    assert np.isinf(scene.cost[y < 7.85]).all()
+    assert len(scene.candidates) > 5
