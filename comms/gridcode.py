@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comms.errors import CodecError
-from comms.maskcode import code_mask, fresh_mask_models
-from comms.pyramid import fresh_residual_models, steps_of, sweep, top_spacing
-from comms.rangecoder import Mark, Words, code_words, decoder, encoder, has_run_out
+from comms.maskcode import code_mask, mask_opinions
+from comms.pyramid import PROFILES, Pyramid
+from comms.rangecoder import Coder, Mark, code_words, decoder, encoder, has_run_out
 from comms.scales import (
     BOUNDED,
     RAW,
@@ -14,17 +14,17 @@ from comms.scales import (
     Fields,
     Scale,
     binary_scale,
+    bound_for,
     bounded,
     code_scale,
     exact_scales,
-    largest_bound,
     rounding_m,
     spans_units,
 )
 from comms.sigmacode import (
     code_of,
     code_sigma_blocks,
-    fresh_sigma_models,
+    sigma_opinions,
     sigma_of,
 )
 
@@ -35,6 +35,8 @@ Bools = NDArray[np.bool_]
 LARGEST_SIDE = 4096
 _SIGMA_BLOCK = 4
 _LEAST_BITS_PER_CELL = 1 / 2048
+_FINER_STEPS_BITS = 0.45
+_MANY_CELLS = 1 << 14
 _NO_BOUND = Bound(10, 0)
 
 
@@ -69,7 +71,7 @@ def encode_grid(
     mask = np.ascontiguousarray(known).astype(np.uint8)
     codes = None if sigma_m is None else code_of(sigma_m.astype(np.float64), known)
     for scale, bound in _scales_to_try(values[known], max_error_m):
-        data, decoded = _write(values, mask, codes, scale, bound)
+        data, decoded = _write_smallest(values, mask, codes, scale, bound)
         error_m = np.abs(decoded.astype(np.float64) - values)[known]
         if error_m.size == 0 or error_m.max() <= max_error_m:
             return data
@@ -94,22 +96,37 @@ def decode_grid_sigma(data: bytes) -> tuple[Singles, Bools, Singles | None]:
     They are never below those that were sent: a block of 4 x 4 cells shares its largest, rounded up
     to a half octave. NaN where unknown.
     """
-    state, buffer = decoder(data)
-    return _read(Fields(state, buffer), len(data))
+    return _read(Fields(decoder(data)), len(data))
 
 
 def _scales_to_try(values_m: Floats, max_error_m: float) -> list[tuple[Scale, Bound]]:
     if values_m.size == 0:
         return [(Scale(RAW, 1.0), _NO_BOUND)]
     scales = [(scale, _NO_BOUND) for scale in exact_scales(values_m, max_error_m)]
-    room_m = max_error_m - rounding_m(values_m) * (1 + 1e-6)
-    if room_m > 0.4 * max_error_m:
-        digits = 2 if values_m.size < 8192 else 4
-        bound = largest_bound(room_m, digits)
+    digits = 2 if values_m.size < _MANY_CELLS else 4
+    bound = bound_for(max_error_m, rounding_m(values_m), digits)
+    if bound is not None:
         scales.append((bounded(bound), bound))
     scales.append((binary_scale(values_m, max_error_m), _NO_BOUND))
     usable = [(s, b) for s, b in scales if spans_units(values_m, s)]
     return [*usable, (Scale(RAW, 1.0), _NO_BOUND)]
+
+
+def _write_smallest(
+    values: Floats,
+    mask: NDArray[np.uint8],
+    sigma_codes: NDArray[np.int64] | None,
+    scale: Scale,
+    bound: Bound,
+) -> tuple[bytes, Singles]:
+    """Write with plain steps, and where few bits go to a cell try the finer ones too."""
+    best = _write(values, mask, sigma_codes, scale, bound, 0)
+    cells = int(mask.sum())
+    if scale.kind == BOUNDED and 8 * len(best[0]) < _FINER_STEPS_BITS * cells:
+        for profile in range(1, len(PROFILES) if cells <= _MANY_CELLS else 2):
+            other = _write(values, mask, sigma_codes, scale, bound, profile)
+            best = min(best, other, key=lambda written: len(written[0]))
+    return best
 
 
 def _write(
@@ -118,9 +135,9 @@ def _write(
     sigma_codes: NDArray[np.int64] | None,
     scale: Scale,
     bound: Bound,
+    profile: int,
 ) -> tuple[bytes, Singles]:
-    state, buffer = encoder(values.size * 12 + 256)
-    fields = Fields(state, buffer)
+    fields = Fields(encoder(values.size * 12 + 256))
     rows, cols = values.shape
     fields.bits(12, rows - 1)
     fields.bits(12, cols - 1)
@@ -128,22 +145,22 @@ def _write(
     if mask.any():
         fields.bits(1, int(bool(mask.all())))
         if not mask.all():
-            code_mask(state, buffer, fresh_mask_models(), np.zeros_like(mask), mask)
+            code_mask(fields.coder, mask_opinions("whole"), np.zeros_like(mask), mask)
         if scale.kind != RAW:
             first = values[mask.astype(bool)][0]
             scale = Scale(scale.kind, scale.step_m, round(first / scale.step_m))
         scale, _ = code_scale(fields, scale, bound)
-        decoded = _code_values(fields, mask, scale, values)
+        decoded = _code_values(fields, mask, scale, values, profile)
         _code_sigma(fields, mask, sigma_codes)
     else:
         decoded = np.full(values.shape, np.nan, np.float32)
-    return Mark(state, buffer).finish(length_is_known=True), decoded
+    return Mark(fields.coder).finish(length_is_known=True), decoded
 
 
 def _read(fields: Fields, length: int) -> tuple[Singles, Bools, Singles | None]:
     rows, cols = fields.bits(12) + 1, fields.bits(12) + 1
     some = fields.bits(1)
-    if has_run_out(fields.state):
+    if has_run_out(fields.coder):
         raise CodecError(f"{length} bytes are too short for a grid")
     if some and rows * cols * _LEAST_BITS_PER_CELL > 8 * (length + 16):
         raise CodecError(f"{length} bytes cannot hold {rows} x {cols} cells")
@@ -154,48 +171,38 @@ def _read(fields: Fields, length: int) -> tuple[Singles, Bools, Singles | None]:
         mask = np.ones((rows, cols), np.uint8)
     else:
         mask = np.zeros((rows, cols), np.uint8)
-        code_mask(fields.state, fields.buffer, fresh_mask_models(), mask.copy(), mask)
+        code_mask(fields.coder, mask_opinions("whole"), mask.copy(), mask)
     scale, _ = code_scale(fields, Scale(RAW, 1.0), _NO_BOUND)
-    decoded = _code_values(fields, mask, scale, None)
+    decoded = _code_values(fields, mask, scale, None, 0)
     known = mask.astype(np.bool_)
     codes = _code_sigma(fields, mask, None)
-    _refuse_cut(fields.state)
+    _refuse_cut(fields.coder)
     elevation_m[known] = decoded[known]
     if codes is None:
         return elevation_m, known, None
     return elevation_m, known, np.where(known, sigma_of(codes), np.float32(np.nan))
 
 
-def _refuse_cut(state: Words) -> None:
-    if has_run_out(state):
+def _refuse_cut(coder: Coder) -> None:
+    if has_run_out(coder):
         raise CodecError("the bytes end before the grid does")
 
 
 def _code_values(
-    fields: Fields, mask: NDArray[np.uint8], scale: Scale, values: Floats | None
+    fields: Fields,
+    mask: NDArray[np.uint8],
+    scale: Scale,
+    values: Floats | None,
+    profile: int,
 ) -> Singles:
     """Code the elevations of the known cells; return what a receiver gets of them, (H, W)."""
     if scale.kind == RAW:
         return _code_raw(fields, mask, values)
-    shape = mask.shape
-    y = np.zeros(shape, np.int64) if values is None else scale.units(values)
-    x, sizes = np.zeros(shape, np.int64), np.zeros(shape, np.uint8)
-    top = top_spacing(*shape)
-    sweep(
-        fields.state,
-        fields.buffer,
-        fresh_residual_models(),
-        y,
-        mask,
-        x,
-        np.zeros(shape, np.uint8),
-        sizes,
-        top,
-        1,
-        steps_of(top),
-        scale.kind != BOUNDED,
-    )
-    return scale.metres(x)
+    profile = fields.bits(2, profile)
+    pyramid = Pyramid.blank(mask.shape, profile, snaps=scale.kind != BOUNDED)
+    y = None if values is None else scale.units(values)
+    pyramid.code(fields.coder, mask, y)
+    return scale.metres(pyramid.cells.x)
 
 
 def _code_raw(fields: Fields, mask: NDArray[np.uint8], values: Floats | None) -> Singles:
@@ -205,7 +212,7 @@ def _code_raw(fields: Fields, mask: NDArray[np.uint8], values: Floats | None) ->
     if values is not None:
         with np.errstate(over="ignore"):
             words[:] = values[known].astype(np.float32).view(np.uint32)
-    code_words(fields.state, fields.buffer, words)
+    code_words(fields.coder, words)
     decoded[known] = words.astype(np.uint32).view(np.float32)
     if not np.isfinite(decoded[known]).all() and values is None:
         raise CodecError("an elevation in the bytes is not finite")
@@ -223,9 +230,7 @@ def _code_sigma(
     blocks = np.zeros(want.shape, np.int64)
     if codes is not None:
         blocks = block_max(codes, _SIGMA_BLOCK)
-    code_sigma_blocks(
-        fields.state, fields.buffer, fresh_sigma_models(), want, np.zeros_like(want), blocks
-    )
+    code_sigma_blocks(fields.coder, sigma_opinions(), want, np.zeros_like(want), blocks)
     return spread(blocks, _SIGMA_BLOCK, rows, cols)
 
 

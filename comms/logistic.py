@@ -8,25 +8,41 @@ Source of the idea: M. Mahoney, "Adaptive weighing of context models for lossles
 Florida Tech. CS-2005-16 (the PAQ archivers).
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from comms.kernels import kernel
-from comms.rangecoder import Bytes, Words, code_bit
+from comms.rangecoder import Coder, Words, code_bit
 
-Models = NDArray[np.int64]
+Models = NDArray[np.uint32]
 """Bit models: the probability of a 1 in 22 bits, above a count of what was learned in 10 bits."""
 Weights = NDArray[np.int64]
+"""Mixing weights (sets, inputs), in 1/65536."""
+
+
+class Opinions(NamedTuple):
+    """What one kind of symbol is coded with; it learns as it codes."""
+
+    models: Models
+    weights: Weights
+    slots: Words
+    """Scratch: which model each input is, set before every bit."""
+    odds: Words
+    """Scratch: what each input said."""
+
 
 COUNT_BITS = 10
+COUNT_MASK = (1 << COUNT_BITS) - 1
 WIDEST = 2303
 """Largest log odds, in 1/256."""
-_COUNT_MASK = (1 << COUNT_BITS) - 1
-_LEAST_CHANCE = 8
-_LEARNING_SHIFT = 14
+LEAST_CHANCE = 8
+"""Least probability of a bit, in 1/65536."""
+_LEARNING_SHIFT = 16
 
 
-def _chances() -> NDArray[np.int64]:
+def chances_of_odds() -> NDArray[np.uint16]:
     """Return 65536 / (1 + exp(-k / 256)) for k = -WIDEST..WIDEST, in integer arithmetic.
 
     Powers of exp(1 / 256) are kept with 96 fractional bits, so the result is rounded alike on every
@@ -42,55 +58,41 @@ def _chances() -> NDArray[np.int64]:
         power = (power * root) >> 96
         table.append((((power << 17) // (one + power)) + 1) >> 1)
     mirrored = [65536 - chance for chance in table[:0:-1]]
-    return np.array(mirrored + table, np.int64)
+    return np.array(mirrored + table, np.uint16)
 
 
-_SQUASH = _chances()
-_STRETCH = (np.searchsorted(_SQUASH, np.arange(8, 65536, 16)) - WIDEST).astype(np.int64)
-_RECIPROCAL = (65536 * 2 // (2 * np.arange(1 << COUNT_BITS) + 3)).astype(np.int64)
+_SQUASH = chances_of_odds()
+_STRETCH = (np.searchsorted(_SQUASH, np.arange(8, 65536, 16)) - WIDEST).astype(np.int16)
+_RECIPROCAL = (65535 * 2 // (2 * np.arange(1 << COUNT_BITS) + 3)).astype(np.uint16)
 
 
-def fresh_models(size: int, chance: float = 0.5) -> Models:
-    """Return models that expect a 1 with the same chance and will learn quickly."""
-    return np.full(size, round(chance * (1 << 22)) << COUNT_BITS, np.int64)
-
-
-def even_weights(sets: int, inputs: int, total: float = 1.0) -> Weights:
-    """Return sets of weights that trust every input alike."""
-    return np.full((sets, inputs), round(65536 * total / inputs), np.int64)
+def fresh_models(size: int) -> Models:
+    """Return models that know nothing and will learn quickly."""
+    return np.full(size, 1 << (21 + COUNT_BITS), np.uint32)
 
 
 @kernel
-def code_mixed(
-    coder: Words,
-    buffer: Bytes,
-    models: Models,
-    slots: Words,
-    weights: Weights,
-    chosen: int,
-    odds: Words,
-    limit: int,
-    bit: int,
-) -> int:
-    """Code one bit with the models at `slots`, mixed by the weights of set `chosen`; learn from it.
+def code_mixed(coder: Coder, opinions: Opinions, chosen: int, limit: int, bit: int) -> int:
+    """Code one bit with the models at `opinions.slots`, mixed by one set of weights, and learn it.
 
-    `odds` is scratch space of the size of `slots`; models settle at a rate of 1 / `limit`.
+    Models settle at a rate of 1 / `limit`.
     """
-    total = 0
+    models, weights, slots, odds = opinions
+    total = np.int64(0)
     for k in range(slots.size):
-        odds[k] = _STRETCH[models[slots[k]] >> (COUNT_BITS + 10)]
+        odds[k] = _STRETCH[np.int64(models[slots[k]]) >> (COUNT_BITS + 10)]
         total += weights[chosen, k] * odds[k]
     total = min(max((total + 32768) >> 16, -WIDEST), WIDEST)
-    chance = min(max(_SQUASH[total + WIDEST], _LEAST_CHANCE), 65536 - _LEAST_CHANCE)
-    bit = code_bit(coder, buffer, chance, bit)
+    chance = min(max(np.int64(_SQUASH[total + WIDEST]), LEAST_CHANCE), 65536 - LEAST_CHANCE)
+    bit = code_bit(coder, chance, bit)
     surprise = (65536 if bit else 0) - chance
+    target = (1 << 22) - 1 if bit else 0
     for k in range(slots.size):
         push = odds[k] * surprise
         weights[chosen, k] += (push + (1 << (_LEARNING_SHIFT - 1))) >> _LEARNING_SHIFT
-        model = models[slots[k]]
-        count = model & _COUNT_MASK
+        model = np.int64(models[slots[k]])
+        count = model & COUNT_MASK
         probability = model >> COUNT_BITS
-        target = (1 << 22) - 1 if bit else 0
-        probability += ((target - probability) * _RECIPROCAL[count]) >> 16
+        probability += ((target - probability) * np.int64(_RECIPROCAL[count])) >> 16
         models[slots[k]] = (probability << COUNT_BITS) | min(count + 1, limit)
     return bit

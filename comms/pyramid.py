@@ -10,35 +10,80 @@ Cells that are not to be coded keep their prediction as an estimate, which later
 stage that codes nothing paints the picture that a receiver sees before the finer lattices arrive.
 
 Source of the idea: Zhao et al., "Optimizing error-bounded lossy compression for scientific data by
-dynamic spline interpolation", ICDE 2021 (SZ3); the order and the models are ours.
+dynamic spline interpolation", ICDE 2021 (SZ3), and for the finer steps far apart Liu et al.,
+"Dynamic quality metric oriented error-bounded lossy compression", SC 2022 (QoZ); the order and the
+models are ours.
 """
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comms.kernels import kernel, warmer
-from comms.rangecoder import Bytes, Words, decoder, encoder, has_run_out
-from comms.symbols import Models, code_adaptive, code_exponential, fresh_models
+from comms.logistic import Opinions
+from comms.predict import STAGES, TAP_SETS, TAPS, Cells, Place, adjustment, interpolate, learn
+from comms.priors import taps
+from comms.rangecoder import DECODING, Coder, Words, decoder, encoder, has_run_out
+from comms.residuals import Around, code_residual, look, residual_opinions
 
 Units = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 
-ESTIMATED, CODED = 0, 1
 STEP_UNITS = 255
 """Units to one step at the finest lattice; odd."""
-
-_CONTEXTS = 12
-_UNARY = 14
-_ZERO, _SIGN, _MORE = 0, 1, 2
-_DECISIONS = _UNARY + 2
-_TAIL = _CONTEXTS * _DECISIONS * 2
+PROFILES = np.array(
+    [
+        [255] * 13,
+        [255, 255, 201, 181, 161] + [141] * 8,
+        [255, 255, 181, 181, 181] + [181] * 8,
+        [255, 221, 221, 201, 181] + [181] * 8,
+    ],
+    np.int64,
+)
+"""Steps in units at the spacings 1, 2, 4 ...: finer ones far apart make better predictions near by,
+which pays where the bound is wide."""
 _FAR = np.int64(1) << 46
-_ENERGY_LIMITS = np.array([16, 27, 46, 78, 133, 226, 384, 653, 1110, 1887, 3208], np.int64)
+_DIAGONAL, _ODD_ROW, _EVEN_ROW = 0, 1, 2
 
 
-def fresh_residual_models() -> Models:
-    """Return the models of the residuals, before anything was learned."""
-    return fresh_models((_TAIL + 48,))
+@dataclass
+class Pyramid:
+    """A grid while it is coded from coarse to fine; both sides keep the same."""
+
+    cells: Cells
+    mixed: Opinions
+    taps: Units
+    steps: Units
+    snaps: bool
+
+    @classmethod
+    def blank(cls, shape: tuple[int, int], profile: int, *, snaps: bool) -> "Pyramid":
+        """Return a grid of which nothing is coded. `snaps` keeps cells on whole steps."""
+        cells = Cells(
+            np.zeros(shape, np.int64),
+            np.zeros(shape, np.uint8),
+            np.zeros(shape, np.int8),
+            np.zeros(shape, np.int32),
+        )
+        return cls(cells, residual_opinions(), taps(TAP_SETS, TAPS), PROFILES[profile], snaps)
+
+    def code(self, coder: Coder, want: Flags, y: Units | None, bottom: int = 1) -> None:
+        """Code the cells that `want` (H, W) marks on the lattices down to a spacing.
+
+        `y` (H, W): what to encode, in units. Cells coded before stay as they are.
+        """
+        y = self.cells.x if y is None else y
+        top = top_spacing(*want.shape)
+        sweep(
+            coder, self.mixed, self.taps, self.cells, want, y, top, bottom, self.steps, self.snaps
+        )
+
+    def painted(self) -> Units:
+        """Return elevations (H, W) in units as a receiver sees them: interpolated where not coded."""
+        cells = self.cells._replace(x=self.cells.x.copy(), errors=self.cells.errors.copy())
+        replace(self, cells=cells).code(encoder(0), np.zeros(cells.x.shape, np.uint8), None)
+        return cells.x
 
 
 def top_spacing(rows: int, cols: int) -> int:
@@ -46,169 +91,149 @@ def top_spacing(rows: int, cols: int) -> int:
     return 1 << (max(rows, cols) - 1).bit_length()
 
 
-def steps_of(top: int) -> Units:
-    """Return the step of every spacing from 1 to `top`, in units."""
-    return np.full(top.bit_length(), STEP_UNITS, np.int64)
+@kernel
+def _around(cells: Cells, place: Place, spread: int, moved: int, trust: int, step: int) -> Around:
+    """Return what surrounds a cell, relative to its step."""
+    per_step = (1 << 24) // step
+    s = place.spacing
+    stage = STAGES[place.stage]
+    residuals = cells.residuals
+    a = _residual(residuals, place.i + stage[2, 0] * s, place.j + stage[2, 1] * s)
+    b = _residual(residuals, place.i + stage[3, 0] * s, place.j + stage[3, 1] * s)
+    c = _residual(residuals, place.i + stage[4, 0] * s, place.j + stage[4, 1] * s)
+    d = _residual(residuals, place.i + stage[5, 0] * s, place.j + stage[5, 1] * s)
+    near = abs(a) + abs(b)
+    for k in range(2):
+        di, dj = stage[k, 0] * s, stage[k, 1] * s
+        near += abs(_residual(residuals, place.i - di, place.j - dj))
+        near += abs(_residual(residuals, place.i + di, place.j + dj))
+    return Around(
+        min(place.level, 3) * 2 + (1 if place.stage == _DIAGONAL else 0),
+        min((abs(spread) * per_step) >> 20, 2000),
+        min(near * 10, 1023),
+        (a, b, c, d),
+        min(max((moved * per_step) >> 21, -5), 5),
+        min(trust >> 2, 4),
+    )
 
 
 @kernel
-def _line(x: Units, state: Flags, i: int, j: int, di: int, dj: int) -> tuple[int, int]:
-    """Interpolate at (i, j) along (di, dj): twice the value, and how far to trust it (0..8)."""
-    h, w = x.shape
-    i0, j0, i1, j1 = i - di, j - dj, i + di, j + dj
-    a = 0 <= i0 < h and 0 <= j0 < w
-    b = 0 <= i1 < h and 0 <= j1 < w
-    if a and b:
-        p = x[i0, j0] + x[i1, j1]
-        trust = 4 * (np.int64(state[i0, j0]) + np.int64(state[i1, j1]))
-        i2, j2, i3, j3 = i - 3 * di, j - 3 * dj, i + 3 * di, j + 3 * dj
-        if (
-            0 <= i2 < h
-            and 0 <= j2 < w
-            and 0 <= i3 < h
-            and 0 <= j3 < w
-            and trust == 8
-            and state[i2, j2]
-            and state[i3, j3]
-        ):
-            p += (p - x[i2, j2] - x[i3, j3]) // 12
-        return p, max(trust, 1)
-    if a:
-        return 2 * x[i0, j0], 1 + 2 * np.int64(state[i0, j0])
-    if b:
-        return 2 * x[i1, j1], 1 + 2 * np.int64(state[i1, j1])
-    return 0, 0
+def _residual(residuals: NDArray[np.int8], i: int, j: int) -> int:
+    h, w = residuals.shape
+    if i < 0 or j < 0 or i >= h or j >= w:
+        return np.int64(0)
+    return np.int64(residuals[i, j])
 
 
 @kernel
-def _code_residual(state: Words, buffer: Bytes, models: Models, context: int, r: int) -> int:
-    """Code a whole number of steps: zero or not, its sign, then its size."""
-    at = context * _DECISIONS
-    if code_adaptive(state, buffer, models, at + _ZERO, int(r == 0)):
-        return 0
-    positive = code_adaptive(state, buffer, models, at + _SIGN, int(r > 0))
-    size = abs(r)
-    k = 1
-    while k < _UNARY and code_adaptive(state, buffer, models, at + _MORE + k - 1, int(size > k)):
-        k += 1
-    if k == _UNARY:
-        k += code_exponential(state, buffer, models[_TAIL:], size - k)
-    return k if positive else -k
-
-
-@kernel
-def _visit(
-    coder: Words,
-    buffer: Bytes,
-    models: Models,
-    y: Units,
+def _row(
+    coder: Coder,
+    mixed: Opinions,
+    all_taps: Units,
+    inputs: Words,
+    contexts: Words,
+    cells: Cells,
     want: Flags,
-    x: Units,
-    state: Flags,
-    sizes: Flags,
+    y: Units,
     i: int,
-    j: int,
+    first: int,
+    stride: int,
     s: int,
-    diagonal: bool,
+    stage: int,
+    level: int,
     step: int,
-    snap: bool,
+    snaps: bool,
 ) -> None:
-    if state[i, j] == CODED:
-        return
-    h, w = x.shape
-    if diagonal:
-        p1, n1 = _line(x, state, i, j, s, s)
-        p2, n2 = _line(x, state, i, j, s, -s)
-    else:
-        p1, n1 = _line(x, state, i, j, s, 0)
-        p2, n2 = _line(x, state, i, j, 0, s)
-    trust = n1 + n2
-    p = (n1 * p1 + n2 * p2 + trust) // (2 * trust) if trust else np.int64(0)
-    r = 0
-    if want[i, j]:
-        energy = abs(p1 - p2) * 16 // step if (n1 and n2) else 32
-        near, found = 0, 0
-        for a in range(max(i - s, 0), min(i + s, h - 1) + 1, s):
-            for b in range(max(j - s, 0), min(j + s, w - 1) + 1, s):
-                if state[a, b]:
-                    near += np.int64(sizes[a, b])
-                    found += 1
-        energy += near * 64 // found if found else 64
-        context = 0
-        while context < _CONTEXTS - 1 and energy > _ENERGY_LIMITS[context]:
-            context += 1
-        if snap:
-            p = (p + step // 2) // step * step
-        r = (y[i, j] - p + step // 2) // step
-        r = _code_residual(coder, buffer, models, context, r)
-        state[i, j] = CODED
-        sizes[i, j] = min(abs(r), 255)
-    x[i, j] = min(max(p + r * step, -_FAR), _FAR)
+    """Visit every `stride`-th cell of a row, beginning at column `first`."""
+    decoding = coder.state[DECODING] != 0
+    set_of_taps = all_taps[(0 if stage == _DIAGONAL else 1) + 2 * min(level, 2)]
+    for j in range(first, cells.x.shape[1], stride):
+        if cells.coded[i, j]:
+            continue
+        place = Place(i, j, s, stage, level)
+        guess, spread, trust = interpolate(cells, place)
+        spread = min(max(spread, -64 * step), 64 * step)
+        moved = np.int64(0)
+        if trust == 16:
+            moved = adjustment(cells, place, set_of_taps, inputs, spread, step)
+        p, r = guess + moved, np.int64(0)
+        if want[i, j]:
+            group = look(_around(cells, place, spread, moved, trust, step), contexts)
+            if snaps:
+                p = (p + (step >> 1)) // step * step
+            if not decoding:
+                r = (y[i, j] - p + (step >> 1)) // step
+            r = code_residual(coder, mixed, contexts, group, r)
+            cells.coded[i, j] = 1
+            cells.residuals[i, j] = min(max(r, -127), 127)
+            if r != 0 and trust == 16:
+                learn(set_of_taps, inputs, r, step)
+        value = min(max(p + r * step, -_FAR), _FAR)
+        cells.x[i, j] = value
+        cells.errors[i, j] = min(max(value - guess, -64 * step), 64 * step)
 
 
 @kernel
 def sweep(
-    coder: Words,
-    buffer: Bytes,
-    models: Models,
-    y: Units,
+    coder: Coder,
+    mixed: Opinions,
+    all_taps: Units,
+    cells: Cells,
     want: Flags,
-    x: Units,
-    state: Flags,
-    sizes: Flags,
+    y: Units,
     top: int,
     bottom: int,
     steps: Units,
-    snap: bool,
+    snaps: bool,
 ) -> None:
     """Visit the lattices of spacing `top` down to `bottom` (powers of two).
 
-    Codes what `want` marks and is not yet coded; all other cells get an estimate. `y` holds what to
-    encode in units (ignored when decoding), `x` what a receiver then has, `steps[k]` the step of
-    spacing 2^k. `snap` keeps every coded cell on whole steps. Decoding stops early once the bytes have
-    run out.
+    Codes what `want` marks and is not yet coded; all other cells get an estimate. `steps[k]` is the
+    step at spacing 2^k. Decoding stops early once the bytes have run out.
     """
-    h, w = x.shape
-    s = top
-    level = 0
-    while 1 << level < s:
+    contexts = np.zeros(mixed.slots.size, np.int64)
+    inputs = np.zeros(TAPS, np.int64)
+    level = np.int64(0)
+    while np.int64(1) << level < top:
         level += 1
-    for i in range(0, h, s):
-        for j in range(0, w, s):
-            _visit(
-                coder, buffer, models, y, want, x, state, sizes, i, j, s, False, steps[level], snap
+    s, diagonal = np.int64(top), False
+    while s >= bottom:
+        first = s if diagonal else np.int64(0)
+        for i in range(first, cells.x.shape[0], 2 * s if diagonal else s):
+            if has_run_out(coder):
+                return
+            stage = _DIAGONAL if diagonal else (_ODD_ROW if (i // s) & 1 else _EVEN_ROW)
+            start, stride = first, 2 * s
+            if stage == _EVEN_ROW:
+                start = s
+            if s == top:
+                start, stride = np.int64(0), s
+            _row(
+                coder,
+                mixed,
+                all_taps,
+                inputs,
+                contexts,
+                cells,
+                want,
+                y,
+                i,
+                start,
+                stride,
+                s,
+                stage,
+                level,
+                steps[level],
+                snaps,
             )
-    while s > bottom:
-        s //= 2
-        level -= 1
-        step = steps[level]
-        for i in range(s, h, 2 * s):
-            if has_run_out(coder):
-                return
-            for j in range(s, w, 2 * s):
-                _visit(coder, buffer, models, y, want, x, state, sizes, i, j, s, True, step, snap)
-        for i in range(0, h, s):
-            if has_run_out(coder):
-                return
-            for j in range(s if (i // s) % 2 == 0 else 0, w, 2 * s):
-                _visit(coder, buffer, models, y, want, x, state, sizes, i, j, s, False, step, snap)
+        if not diagonal:
+            s >>= 1
+            level -= 1
+        diagonal = not diagonal
 
 
 @warmer
 def _warm() -> None:
-    shape = (3, 3)
-    for coder, buffer in (encoder(64), decoder(b"\1\2\3")):
-        sweep(
-            coder,
-            buffer,
-            fresh_residual_models(),
-            np.zeros(shape, np.int64),
-            np.ones(shape, np.uint8),
-            np.zeros(shape, np.int64),
-            np.zeros(shape, np.uint8),
-            np.zeros(shape, np.uint8),
-            4,
-            1,
-            np.full(3, STEP_UNITS, np.int64),
-            False,
-        )
+    for coder in (encoder(64), decoder(b"\1\2\3")):
+        grid = Pyramid.blank((3, 3), 0, snaps=False)
+        grid.code(coder, np.ones((3, 3), np.uint8), np.zeros((3, 3), np.int64))

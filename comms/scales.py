@@ -6,16 +6,15 @@ in whole metres, or values so large that float32 has no finer ones).
 """
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comms.errors import CodecError
 from comms.pyramid import STEP_UNITS, Units
-from comms.rangecoder import Bytes, Words, code_even_bits
-from comms.symbols import Models, code_exponential, fresh_models
+from comms.rangecoder import Coder, code_even_bits
+from comms.residuals import code_size
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -23,18 +22,26 @@ Singles = NDArray[np.float32]
 BOUNDED, DECIMAL, BINARY, RAW = 0, 1, 2, 3
 _DECIMALS = (10.0, 5.0, 2.0, 1.0, 0.5, 0.25, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _SHORT_CODES = 255
+SLACKS = (2.0**-12, 2.0**-7, 2.0**-4, 2.0**-1)
 _LARGEST_UNITS = 1 << 44
 
 
 @dataclass(frozen=True)
 class Bound:
-    """An error bound that a payload can name: 8 bits for two digits, 30 bits for five.
+    """An error bound that a payload can name: 10 bits for two digits, 33 bits for four.
 
     The short code holds two digits from 0.001 m up; the long one 16 bits and a decimal exponent.
+    `slack` says how much of the bound is left to what float32 rounds away.
     """
 
     mantissa: int
     exponent: int
+    slack: int = 0
+
+    @property
+    def step_m(self) -> float:
+        """The step that holds the bound, rounding included."""
+        return 2 * self.metres * (1 - SLACKS[self.slack])
 
     @property
     def metres(self) -> float:
@@ -61,34 +68,41 @@ def largest_bound(limit_m: float, digits: int) -> Bound:
     raise CodecError(f"an error bound of {limit_m:g} m is too small to be coded")
 
 
-class Fields(NamedTuple):
+def bound_for(limit_m: float, rounding: float, digits: int) -> Bound | None:
+    """Return the bound to code for a limit, or None if float32 rounds away more than it allows."""
+    bound = largest_bound(limit_m, digits)
+    for slack, share in enumerate(SLACKS):
+        if rounding * (1 + 1e-6) <= bound.metres * share:
+            return replace(bound, slack=slack)
+    return None
+
+
+@dataclass(frozen=True)
+class Fields:
     """A coder with what headers need of it."""
 
-    state: Words
-    buffer: Bytes
+    coder: Coder
 
     def bits(self, count: int, value: int = 0) -> int:
         """Code an integer of so many bits."""
-        return int(code_even_bits(self.state, self.buffer, count, value))
+        return int(code_even_bits(self.coder, count, value))
 
     def whole(self, value: int = 0) -> int:
         """Code an integer of either sign."""
         sign = self.bits(1, int(value < 0))
-        size = int(code_exponential(self.state, self.buffer, _whole_models(), abs(value)))
+        size = int(code_size(self.coder, abs(value)))
         return -size if sign else size
 
     def bound(self, value: Bound | None = None) -> Bound:
         """Code an error bound."""
         short = value.short_code if value else -1
+        slack = self.bits(2, value.slack if value else 0)
         code = self.bits(8, short if short >= 0 else _SHORT_CODES)
         if code < _SHORT_CODES:
-            return Bound(10 + code % 90, code // 90 - 4)
+            return Bound(10 + code % 90, code // 90 - 4, slack)
         value = value or Bound(0, 0)
-        return Bound(self.bits(16, value.mantissa), self.bits(7, value.exponent + 64) - 64)
-
-
-def _whole_models() -> Models:
-    return fresh_models((48,), 0.8)
+        mantissa = self.bits(16, value.mantissa)
+        return Bound(mantissa, self.bits(7, value.exponent + 64) - 64, slack)
 
 
 @dataclass(frozen=True)
@@ -126,8 +140,8 @@ def _quietly_single(values: Floats) -> Singles:
 
 
 def bounded(bound: Bound) -> Scale:
-    """Return the scale whose steps are twice the bound."""
-    return Scale(BOUNDED, 2 * bound.metres)
+    """Return the scale whose steps are twice the bound, less what rounding takes."""
+    return Scale(BOUNDED, bound.step_m)
 
 
 def rounding_m(values_m: Floats) -> float:
@@ -171,7 +185,7 @@ def code_scale(fields: Fields, scale: Scale, bound: Bound) -> tuple[Scale, Bound
     step_m = 1.0
     if kind == BOUNDED:
         bound = fields.bound(bound)
-        step_m = 2 * bound.metres
+        step_m = bound.step_m
     elif kind == DECIMAL:
         index = _DECIMALS.index(scale.step_m) if scale.kind == DECIMAL else 0
         index = fields.bits(4, index)

@@ -11,28 +11,34 @@ from numpy.typing import NDArray
 
 from comms.errors import CodecError
 from comms.kernels import kernel, warmer
-from comms.rangecoder import Bytes, Words, decoder, encoder, has_run_out
-from comms.symbols import Models, code_adaptive, fresh_models
+from comms.logistic import Opinions, code_mixed
+from comms.priors import opinions
+from comms.rangecoder import Coder, Words, decoder, encoder, has_run_out
 
 Codes = NDArray[np.int64]
 Flags = NDArray[np.uint8]
 Singles = NDArray[np.float32]
 
 LOWEST, HIGHEST = -40, 24
-_FIRST_GUESS = -8
-_UNARY = 70
-_STAY, _SIGN, _MORE, _DOWN = 0, 2, 3, 12
-_MODELS = 24
+_FIRST_GUESS = -12
+_UNARY = HIGHEST - LOWEST
+_DECISIONS = 8
+"""The guess holds or not, the sign, then more or not: more than 1, 2, ... 5, and beyond."""
+_INPUTS = 3
+_STARTS = np.array([0, 25, 25 + 9], np.int64) * _DECISIONS
+SLOTS = (25 + 9 + 1) * _DECISIONS
+_LIMIT = 250
 
 
-def fresh_sigma_models() -> Models:
-    """Return the models of the codes, before anything was learned."""
-    return fresh_models((_MODELS,))
+def sigma_opinions() -> Opinions:
+    """Return the models of the codes at the start of a payload."""
+    return opinions("sigma", SLOTS, _DECISIONS, _INPUTS)
 
 
-def _table() -> NDArray[np.float32]:
+def _table() -> Singles:
     """Return the standard deviation of every code, rounded up to float32."""
-    exact = [math.ldexp(1.0 if c % 2 == 0 else math.sqrt(2), c // 2) for c in range(-40, 25)]
+    codes = range(LOWEST, HIGHEST + 1)
+    exact = [math.ldexp(math.sqrt(2) if code % 2 else 1.0, code // 2) for code in codes]
     return np.nextafter(np.array(exact, np.float32), np.float32(np.inf))
 
 
@@ -50,79 +56,89 @@ def code_of(sigma_m: NDArray[np.float64], known: NDArray[np.bool_]) -> Codes:
     Raises `CodecError` for one that is negative, not finite or above 4096 m.
     """
     inside = sigma_m[known]
-    if inside.size and not (inside.min() >= 0 and inside.max() <= float(_SIGMA_M[-1])):
-        wrong = inside[~((inside >= 0) & (inside <= float(_SIGMA_M[-1])))][0]
-        raise CodecError(f"a standard deviation of {wrong} m is outside 0..4096 m")
+    wrong = inside[~((inside >= 0) & (inside <= float(_SIGMA_M[-1])))]
+    if wrong.size:
+        raise CodecError(f"a standard deviation of {wrong[0]} m is outside 0..4096 m")
     codes = np.full(sigma_m.shape, LOWEST, np.int64)
     codes[known] = LOWEST + np.searchsorted(_SIGMA_M.astype(np.float64), inside)
     return codes
 
 
 @kernel
-def _code_step(coder: Words, buffer: Bytes, models: Models, moved: int, step: int) -> int:
-    if code_adaptive(coder, buffer, models, _STAY + moved, int(step == 0)):
-        return 0
-    up = code_adaptive(coder, buffer, models, _SIGN, int(step > 0))
-    size, k = abs(step), 1
-    while k < _UNARY and code_adaptive(coder, buffer, models, _MORE + min(k, 8) - 1, int(size > k)):
+def _decide(coder: Coder, mixed: Opinions, contexts: Words, decision: int, bit: int) -> int:
+    for k in range(_INPUTS):
+        mixed.slots[k] = contexts[k] + decision
+    return code_mixed(coder, mixed, decision, _LIMIT, bit)
+
+
+@kernel
+def _code_step(coder: Coder, mixed: Opinions, contexts: Words, step: int) -> int:
+    """Code how far a code lies off its guess."""
+    if _decide(coder, mixed, contexts, 0, 1 if step == 0 else 0):
+        return np.int64(0)
+    up = _decide(coder, mixed, contexts, 1, 1 if step > 0 else 0)
+    size, k = abs(step), np.int64(1)
+    while k < _UNARY:
+        decision = min(k + 1, _DECISIONS - 1)
+        if not _decide(coder, mixed, contexts, decision, 1 if size > k else 0):
+            break
         k += 1
     return k if up else -k
 
 
 @kernel
-def code_sigma_blocks(
-    coder: Words, buffer: Bytes, models: Models, want: Flags, done: Flags, codes: Codes
-) -> None:
-    """Code one code for each block that `want` marks; `done` ones only ever go down.
+def _clip(value: int, limit: int) -> int:
+    return min(max(value, -limit), limit)
 
-    All arrays are (block rows, block columns). `codes` holds what to encode for wanted blocks, and
-    what the receiver has for done ones once that is told; it is overwritten with the decoded.
+
+@kernel
+def _guess(
+    done: Flags, moved: Flags, codes: Codes, i: int, j: int, last: int, contexts: Words
+) -> int:
+    """Guess a block's code from the blocks west, north and north-west of it (as JPEG-LS does)."""
+    has_west, has_north = j > 0 and done[i, j - 1] > 0, i > 0 and done[i - 1, j] > 0
+    west = codes[i, j - 1] if has_west else last
+    north = codes[i - 1, j] if has_north else west
+    west = west if has_west else north
+    corner = codes[i - 1, j - 1] if i > 0 and j > 0 and done[i - 1, j - 1] > 0 else north
+    turn = 5 * (_clip(west - corner, 2) + 2) + _clip(north - corner, 2) + 2
+    moves = 3 * (1 + np.int64(moved[i, j - 1]) if has_west else 0)
+    moves += 1 + np.int64(moved[i - 1, j]) if has_north else 0
+    contexts[0] = _STARTS[0] + _DECISIONS * turn
+    contexts[1] = _STARTS[1] + _DECISIONS * moves
+    contexts[2] = _STARTS[2]
+    return min(max(west + north - corner, min(west, north)), max(west, north))
+
+
+@kernel
+def code_sigma_blocks(
+    coder: Coder, mixed: Opinions, want: Flags, done: Flags, codes: Codes
+) -> None:
+    """Code one code for each block that `want` marks, and mark it as done.
+
+    All arrays are (block rows, block columns). `codes` holds what to encode for wanted blocks and
+    what the receiver has for done ones; it is overwritten with what is decoded.
     """
     rows, cols = want.shape
-    guess, moved = np.int64(_FIRST_GUESS), 0
+    contexts = np.zeros(_INPUTS, np.int64)
+    moved = np.zeros((rows, cols), np.uint8)
+    last = np.int64(_FIRST_GUESS)
     for i in range(rows):
         if has_run_out(coder):
             return
         for j in range(cols):
             if not want[i, j]:
                 continue
-            if j > 0 and done[i, j - 1]:
-                guess = codes[i, j - 1]
-            elif i > 0 and done[i - 1, j]:
-                guess = codes[i - 1, j]
-            step = _code_step(coder, buffer, models, moved, codes[i, j] - guess)
-            moved = int(step != 0)
-            guess = min(max(guess + step, LOWEST), HIGHEST)
-            codes[i, j] = guess
+            guess = _guess(done, moved, codes, i, j, last, contexts)
+            step = _code_step(coder, mixed, contexts, codes[i, j] - guess)
+            last = min(max(guess + step, LOWEST), HIGHEST)
+            moved[i, j] = 1 if step else 0
+            codes[i, j] = last
             done[i, j] = 1
-
-
-@kernel
-def code_sigma_drops(
-    coder: Words, buffer: Bytes, models: Models, drops: Flags, codes: Codes, finer: Codes
-) -> None:
-    """Code how far the blocks that `drops` marks fall from `codes` to `finer`, in place."""
-    rows, cols = drops.shape
-    moved = 0
-    for i in range(rows):
-        if has_run_out(coder):
-            return
-        for j in range(cols):
-            if not drops[i, j]:
-                continue
-            fall, k = codes[i, j] - finer[i, j], 0
-            while k < HIGHEST - LOWEST and code_adaptive(
-                coder, buffer, models, _DOWN + min(2 * k + moved, 7), int(fall > k)
-            ):
-                k += 1
-            moved = int(k > 0)
-            codes[i, j] = max(codes[i, j] - k, LOWEST)
 
 
 @warmer
 def _warm() -> None:
-    for coder, buffer in (encoder(64), decoder(b"\1\2\3")):
+    for coder in (encoder(64), decoder(b"\1\2\3")):
         want, done = np.ones((2, 2), np.uint8), np.zeros((2, 2), np.uint8)
-        codes = np.zeros((2, 2), np.int64)
-        code_sigma_blocks(coder, buffer, fresh_sigma_models(), want, done, codes)
-        code_sigma_drops(coder, buffer, fresh_sigma_models(), want, codes, codes.copy())
+        code_sigma_blocks(coder, sigma_opinions(), want, done, np.zeros((2, 2), np.int64))

@@ -16,22 +16,22 @@ from numpy.typing import NDArray
 
 from comms.errors import CodecError
 from comms.gridcode import block_max, check_grid, spread
-from comms.maskcode import code_mask, fresh_mask_models
-from comms.pyramid import fresh_residual_models, steps_of, sweep, top_spacing
-from comms.rangecoder import Bytes, Mark, Words, decoder, encoder, is_certain
+from comms.maskcode import code_mask, mask_opinions
+from comms.pyramid import PROFILES, Pyramid
+from comms.rangecoder import Coder, Mark, decoder, encoder, is_certain
 from comms.scales import (
     Bound,
     Fields,
     Scale,
+    bound_for,
     bounded,
-    largest_bound,
     rounding_m,
     spans_units,
 )
 from comms.sigmacode import (
     code_of,
     code_sigma_blocks,
-    fresh_sigma_models,
+    sigma_opinions,
     sigma_of,
 )
 
@@ -44,8 +44,10 @@ Codes = NDArray[np.int64]
 LARGEST_TILE = 128
 _SPACINGS = {1: (1,), 2: (4, 1), 3: (8, 2, 1), 4: (8, 4, 2, 1)}
 """Spacing of the sent lattice at each level, by the number of levels."""
-_SIGMA_BLOCK = 4
+SIGMA_BLOCK = 4
 _BOUND_CODES = 32
+_BYTES_WORTH_LEVELS = (45, 90, 240)
+"""Sizes of a payload of one level from which 2, 3 and 4 are worth their overhead."""
 
 
 @dataclass(frozen=True)
@@ -78,41 +80,66 @@ class _Tile:
     """What both sides hold of a tile while its levels are coded."""
 
     scale: Scale
-    x: NDArray[np.int64]
-    """Elevations in units, (H, W)."""
-    state: Flags
-    sizes: Flags
+    pyramid: Pyramid
     mask: Flags
     """Which cells are measured, where `settled`."""
     settled: Flags
     told: Flags
     """Which cells are called known."""
     codes: Codes
-    """Standard deviations, one code per block of `_SIGMA_BLOCK` cells a side."""
+    """Standard deviations, one code per block of `SIGMA_BLOCK` cells a side."""
     coded: Flags
     """Which of these were sent."""
+    highest_bound: int
 
     @classmethod
-    def blank(cls, shape: tuple[int, int], scale: Scale) -> "_Tile":
-        """Return a tile of which nothing is known."""
-        cells = [np.zeros(shape, np.uint8) for _ in range(5)]
-        blocks = (-(-shape[0] // _SIGMA_BLOCK), -(-shape[1] // _SIGMA_BLOCK))
-        codes, coded = np.zeros(blocks, np.int64), np.zeros(blocks, np.uint8)
-        return cls(scale, np.zeros(shape, np.int64), *cells, codes, coded)
+    def blank(cls, head: "Head") -> "_Tile":
+        """Return a tile of which nothing is known, but perhaps that all of it is measured."""
+        rows, cols = head.shape
+        blocks = (-(-rows // SIGMA_BLOCK), -(-cols // SIGMA_BLOCK))
+        return cls(
+            head.scale,
+            Pyramid.blank(head.shape, head.profile, snaps=False),
+            np.full(head.shape, int(head.whole), np.uint8),
+            np.full(head.shape, int(head.whole), np.uint8),
+            np.zeros(head.shape, np.uint8),
+            np.zeros(blocks, np.int64),
+            np.zeros(blocks, np.uint8),
+            _BOUND_CODES - 1,
+        )
 
 
 class _Models:
-    """The adaptive models that a payload's levels share."""
+    """The adaptive models of masks and standard deviations."""
 
     def __init__(self) -> None:
-        self.residuals = fresh_residual_models()
-        self.mask = fresh_mask_models()
-        self.flags = fresh_mask_models()
-        self.sigma = fresh_sigma_models()
+        self.rest = mask_opinions("rest")
+        self.lattice = mask_opinions("lattice")
+        self.blocks = mask_opinions("blocks")
+        self.sigma = sigma_opinions()
 
 
 @dataclass(frozen=True)
-class _Truth:
+class Head:
+    """What a payload says first."""
+
+    shape: tuple[int, int]
+    bound: Bound
+    levels: int
+    profile: int
+    whole: bool
+    """Whether every cell is measured."""
+    base: int
+    """Elevation of the middle, in steps."""
+
+    @property
+    def scale(self) -> Scale:
+        """The scale of the elevations."""
+        return replace(bounded(self.bound), base=self.base)
+
+
+@dataclass(frozen=True)
+class Truth:
     """What an encoder knows and a decoder is told."""
 
     y: NDArray[np.int64]
@@ -143,16 +170,12 @@ def encode_tile(
     known = np.ascontiguousarray(known)
     inside = values[known]
     values = np.where(known, values, inside[0] if inside.size else 0.0)
-    codes = block_max(code_of(sigma_m.astype(np.float64), known), _SIGMA_BLOCK)
-    room_m = max_error_m - rounding_m(values) * (1 + 1e-6)
-    while room_m > 0.05 * max_error_m:
-        bound = largest_bound(room_m, 2)
-        if not spans_units(values, bounded(bound)):
-            break
-        tile = _encode_at(values, known, codes, bound, max_error_m)
+    codes = block_max(code_of(sigma_m.astype(np.float64), known), SIGMA_BLOCK)
+    bound = bound_for(max_error_m, rounding_m(values), 2)
+    if bound is not None and spans_units(values, bounded(bound)):
+        tile = _encode_at(values, known, codes, bound)
         if tile is not None:
             return tile
-        room_m *= 0.97
     raise CodecError(
         f"float32 cannot hold elevations of up to {np.abs(values).max():g} m "
         f"within {max_error_m:g} m"
@@ -164,17 +187,16 @@ def decode_tile(prefix: bytes) -> DecodedTile:
 
     Raises `CodecError` for bytes that begin no payload of `encode_tile`.
     """
-    state, buffer = decoder(prefix)
-    fields = Fields(state, buffer)
-    shape, scale, bound, levels = _code_head(fields, None)
-    if not is_certain(state):
+    fields = Fields(decoder(prefix))
+    head = _code_head(fields, None)
+    if not is_certain(fields.coder):
         return _nothing((1, 1), 0)
-    tile, models, result = _Tile.blank(shape, scale), _Models(), _nothing(shape, levels)
-    for level in range(levels):
-        code = _code_level(fields, models, tile, level, levels, None)
-        if not is_certain(state):
+    tile, models, result = _Tile.blank(head), _Models(), _nothing(head.shape, head.levels)
+    for level in range(head.levels):
+        code = _code_level(fields, models, tile, level, head.levels, None)
+        if not is_certain(fields.coder):
             break
-        result = _picture(tile, models, bound_of_level(bound, code), level, levels)
+        result = _picture(tile, bound_of_level(head.bound, code), level, head.levels)
     return result
 
 
@@ -188,100 +210,76 @@ def bound_of_level(bound: Bound, code: int) -> float:
     return bound.metres * math.ldexp((1.0, 1.19, 1.42, 1.69)[code % 4], code // 4)
 
 
-def _code_head(
-    fields: Fields, given: tuple[tuple[int, int], Bound, int, int] | None
-) -> tuple[tuple[int, int], Scale, Bound, int]:
-    """Code shape, bound, number of levels and base elevation (in steps)."""
-    (rows, cols), wanted, levels, base = given or ((1, 1), None, 1, 0)
+def _code_head(fields: Fields, given: Head | None) -> Head:
+    head = given or Head((1, 1), Bound(10, 0), 1, 0, False, 0)
+    rows, cols = head.shape
     if fields.bits(1, int(rows == cols and rows.bit_count() == 1)):
         rows = cols = 1 << fields.bits(3, rows.bit_length() - 1)
     else:
         rows, cols = fields.bits(7, rows - 1) + 1, fields.bits(7, cols - 1) + 1
-    bound = fields.bound(wanted)
-    levels = fields.bits(2, levels - 1) + 1
-    base = fields.whole(base)
+    bound = fields.bound(head.bound if given else None)
     if not 0 < bound.metres < 1e32:
         raise CodecError(f"an error bound of {bound.metres} m is not possible")
-    return (rows, cols), Scale(0, 2 * bound.metres, base), bound, levels
+    levels = fields.bits(2, head.levels - 1) + 1
+    profile = fields.bits(2, head.profile)
+    whole = fields.bits(1, int(head.whole)) == 1
+    return Head((rows, cols), bound, levels, profile, whole, fields.whole(head.base))
 
 
 def _code_level(
-    fields: Fields, models: _Models, tile: _Tile, level: int, levels: int, truth: _Truth | None
+    fields: Fields, models: _Models, tile: _Tile, level: int, levels: int, truth: Truth | None
 ) -> int:
     """Code one level on top of those before; return its bound's code."""
     spacing, is_last = _SPACINGS[levels][level], level == levels - 1
-    coder = fields.state, fields.buffer
-    code = 0 if is_last else fields.bits(5, truth.bound_code if truth else 0)
-    lattice = 1 if level >= levels - 2 else spacing
-    _code_lattice_mask(coder, models, tile, lattice, truth)
+    coder = fields.coder
+    _code_lattice_mask(coder, models, tile, 1 if level >= levels - 2 else spacing, truth)
     if is_last:
-        tile.told = tile.mask.copy()
+        tile.told, code = tile.mask.copy(), 0
     else:
+        code = fields.bits(tile.highest_bound.bit_length(), truth.bound_code if truth else 0)
+        tile.highest_bound = code
         _code_told(coder, models, tile, spacing, truth)
     _code_sigmas(coder, models, tile, truth)
-    _sweep(coder, models, tile, truth.y if truth else tile.x, tile.mask, spacing)
+    tile.pyramid.code(coder, tile.mask, truth.y if truth else None, spacing)
     return code
 
 
 def _code_lattice_mask(
-    coder: tuple[Words, Bytes], models: _Models, tile: _Tile, lattice: int, truth: _Truth | None
+    coder: Coder, models: _Models, tile: _Tile, lattice: int, truth: Truth | None
 ) -> None:
     """Code which cells of a lattice are measured."""
     settled = tile.settled[::lattice, ::lattice].copy()
     mask = (truth or tile).mask[::lattice, ::lattice].copy()
-    code_mask(*coder, models.mask, settled, mask)
+    code_mask(coder, models.rest if lattice == 1 else models.lattice, settled, mask)
     tile.mask[::lattice, ::lattice] = mask
     tile.settled[::lattice, ::lattice] = 1
 
 
-def _code_told(
-    coder: tuple[Words, Bytes], models: _Models, tile: _Tile, side: int, truth: _Truth | None
-) -> None:
+def _code_told(coder: Coder, models: _Models, tile: _Tile, side: int, truth: Truth | None) -> None:
     """Code which blocks of side x side cells a level calls known; their cells are measured."""
     rows, cols = tile.told.shape
-    before = block_min(tile.told, side)
     flags = block_min((truth or tile).told, side)
-    code_mask(*coder, models.flags, before, flags)
+    impossible = block_max((tile.settled & (1 - tile.mask)).astype(np.int64), side)
+    settled = block_min(tile.told, side) | impossible.astype(np.uint8)
+    code_mask(coder, models.blocks, settled, flags)
     tile.told = spread(flags.astype(np.int64), side, rows, cols).astype(np.uint8)
     tile.mask |= tile.told
     tile.settled |= tile.told
 
 
-def _code_sigmas(
-    coder: tuple[Words, Bytes], models: _Models, tile: _Tile, truth: _Truth | None
-) -> None:
+def _code_sigmas(coder: Coder, models: _Models, tile: _Tile, truth: Truth | None) -> None:
     """Code the standard deviations of the blocks that a level is the first to touch."""
-    touched = block_max(tile.told.astype(np.int64), _SIGMA_BLOCK).astype(np.uint8)
+    touched = block_max(tile.told.astype(np.int64), SIGMA_BLOCK).astype(np.uint8)
     want = touched & (1 - tile.coded)
     tile.codes = np.where(want, (truth or tile).codes, tile.codes)
-    code_sigma_blocks(*coder, models.sigma, want, tile.coded, tile.codes)
+    code_sigma_blocks(coder, models.sigma, want, tile.coded, tile.codes)
 
 
-def _sweep(
-    coder: tuple[Words, Bytes],
-    models: _Models,
-    tile: _Tile,
-    y: NDArray[np.int64],
-    want: Flags,
-    bottom: int,
-) -> None:
-    top = top_spacing(*want.shape)
-    state, sizes = tile.state, tile.sizes
-    steps = steps_of(top)
-    sweep(*coder, models.residuals, y, want, tile.x, state, sizes, top, bottom, steps, False)
-
-
-def _painted(tile: _Tile, models: _Models) -> Singles:
-    """Return the whole tile as a receiver sees it now, interpolated between the sent cells."""
-    canvas = replace(tile, x=tile.x.copy())
-    _sweep(decoder(b""), models, canvas, tile.x, np.zeros_like(tile.mask), 1)
-    return tile.scale.metres(canvas.x)
-
-
-def _picture(tile: _Tile, models: _Models, bound_m: float, level: int, levels: int) -> DecodedTile:
+def _picture(tile: _Tile, bound_m: float, level: int, levels: int) -> DecodedTile:
     known = tile.told.astype(np.bool_)
-    elevation_m = np.where(known, _painted(tile, models), np.float32(np.nan))
-    sigma_m = sigma_of(spread(tile.codes, _SIGMA_BLOCK, *known.shape))
+    painted_m = tile.scale.metres(tile.pyramid.painted())
+    elevation_m = np.where(known, painted_m, np.float32(np.nan))
+    sigma_m = sigma_of(spread(tile.codes, SIGMA_BLOCK, *known.shape))
     sigma_m = np.where(known, sigma_m, np.float32(np.nan))
     bound_m = bound_m if known.any() else math.inf
     return DecodedTile(elevation_m, known, sigma_m, bound_m, level, levels)
@@ -294,50 +292,52 @@ def block_min(cells: Flags, side: int) -> Flags:
     return np.minimum.reduceat(by_row, np.arange(0, cols, side), axis=1)
 
 
-def _encode_at(
-    values: Floats, known: Bools, codes: Codes, bound: Bound, max_error_m: float
-) -> EncodedTile | None:
-    """Return the payload with an inner bound, or None if float32 then breaks the outer one."""
-    levels = _levels_worth(known)
-    scale = bounded(bound)
-    base = round(float(np.median(values[known])) / scale.step_m) if known.any() else 0
-    scale = replace(scale, base=base)
-    nothing = np.zeros(known.shape, np.uint8)
-    truth = _Truth(scale.units(values), known.astype(np.uint8), codes, nothing, 0)
-    errors_m = _rehearse(values, truth, scale, levels)
-    if errors_m[-1][known].max(initial=0.0) > max_error_m:
+def _encode_at(values: Floats, known: Bools, codes: Codes, bound: Bound) -> EncodedTile | None:
+    """Return the payload with this bound, or None if float32 breaks it."""
+    base = round(float(np.median(values[known])) / bounded(bound).step_m) if known.any() else 0
+    head = Head(known.shape, bound, 1, 0, bool(known.all()), base)
+    truth = Truth(
+        head.scale.units(values), known.astype(np.uint8), codes, known.astype(np.uint8), 0
+    )
+    heads = [replace(head, profile=profile) for profile in range(len(PROFILES))]
+    plain = [write(head, [truth]) for head in heads]
+    size, profile = min((len(tile.data), k) for k, tile in enumerate(plain))
+    levels = 1 + sum(size >= least for least in _BYTES_WORTH_LEVELS)
+    head = replace(heads[profile], levels=levels)
+    errors_m = rehearse(values, truth, head)
+    if errors_m[-1][known].max(initial=0.0) > bound.metres:
         return None
-    state, buffer = encoder(values.size * 12 + 256)
-    fields, models, tile = Fields(state, buffer), _Models(), _Tile.blank(known.shape, scale)
-    _code_head(fields, (known.shape, bound, levels, base))
+    plan = plan_levels(errors_m, known, bound, levels)
+    return write(head, [replace(truth, told=told, bound_code=code) for code, told in plan])
+
+
+def write(head: Head, truths: list[Truth]) -> EncodedTile:
+    """Return the payload whose levels tell what `truths` say."""
+    fields = Fields(encoder(head.shape[0] * head.shape[1] * 12 + 256))
+    models, tile = _Models(), _Tile.blank(head)
+    _code_head(fields, head)
     marks: list[Mark] = []
-    for level, (code, told) in enumerate(_plan(errors_m, known, bound, levels)):
-        _code_level(fields, models, tile, level, levels, replace(truth, told=told, bound_code=code))
-        marks.append(Mark(state, buffer))
+    for level, truth in enumerate(truths):
+        _code_level(fields, models, tile, level, head.levels, truth)
+        marks.append(Mark(fields.coder))
     data = marks[-1].finish(length_is_known=False)
     return EncodedTile(data, tuple(mark.bytes_needed(data) for mark in marks))
 
 
-def _levels_worth(known: Bools) -> int:
-    """Return how many levels are worth their overhead."""
-    cells = int(known.sum())
-    if min(known.shape) < 16 or cells < 200:
-        return 1 if cells < 40 else 2
-    return 4 if cells >= 2000 else 3
-
-
-def _rehearse(values: Floats, truth: _Truth, scale: Scale, levels: int) -> list[Floats]:
+def rehearse(values: Floats, truth: Truth, head: Head) -> list[Floats]:
     """Return the error of every cell (H, W) as a receiver will see it at each level, metres."""
-    state, buffer = encoder(values.size * 12 + 256)
-    fields, models, tile = Fields(state, buffer), _Models(), _Tile.blank(values.shape, scale)
+    fields = Fields(encoder(values.size * 12 + 256))
+    models, tile = _Models(), _Tile.blank(head)
+    nothing = replace(truth, told=np.zeros_like(truth.told))
     errors: list[Floats] = []
-    for level in range(levels):
-        _code_level(fields, models, tile, level, levels, truth)
-        errors.append(np.abs(_painted(tile, models).astype(np.float64) - values))
+    for level in range(head.levels):
+        _code_level(fields, models, tile, level, head.levels, nothing)
+        painted_m = tile.scale.metres(tile.pyramid.painted())
+        errors.append(np.abs(painted_m.astype(np.float64) - values))
     return errors
 
 
-def _plan(
+def plan_levels(
     errors_m: list[Floats], known: Bools, bound: Bound, levels: int
 ) -> list[tuple[int, Flags]]:
     """Choose each level's bound code and the cells that it calls known.
@@ -393,5 +393,5 @@ def sigma_as_sent(sigma_m: Floats, known: Bools) -> Floats:
 
     For whole maps too, whose tiles have sides of a multiple of the blocks that sigmas share.
     """
-    codes = block_max(code_of(sigma_m, known), _SIGMA_BLOCK)
-    return sigma_of(spread(codes, _SIGMA_BLOCK, *known.shape)).astype(np.float64)
+    codes = block_max(code_of(sigma_m, known), SIGMA_BLOCK)
+    return sigma_of(spread(codes, SIGMA_BLOCK, *known.shape)).astype(np.float64)

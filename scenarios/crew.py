@@ -48,6 +48,10 @@ class Crew(Protocol):
         """Return the next report of one of the robots that owe one."""
         ...
 
+    def poll(self) -> Report | Obituary | None:
+        """Return a report or obituary that has come, or None after a short wait."""
+        ...
+
     def kill(self, name: str) -> None:
         """End a robot at once, as it is."""
         ...
@@ -117,6 +121,7 @@ class MemoryCrew:
         """Start without robots."""
         self.costs: dict[str, Cost] = {}
         self._members: dict[str, _Member] = {}
+        self._dead: list[Host] = []
         self._reports: deque[Report] = deque()
 
     def launch(self, plans: list[Plan]) -> None:
@@ -149,9 +154,15 @@ class MemoryCrew:
         del waiting
         return self._reports.popleft()
 
+    def poll(self) -> Report | Obituary | None:
+        """Return the oldest report that was not taken yet, if there is one."""
+        return self._reports.popleft() if self._reports else None
+
     def kill(self, name: str) -> None:
         """Drop a robot as it is: nothing of its program runs any more."""
-        self._members.pop(name).host.abandon()
+        host = self._members.pop(name).host
+        host.abandon()
+        self._dead.append(host)
 
     def stop(self, name: str) -> None:
         """Do nothing: a robot that is granted nothing hangs."""
@@ -163,8 +174,11 @@ class MemoryCrew:
         """Drop all robots."""
         for name in list(self._members):
             self.kill(name)
+        while self._dead:
+            self._dead.pop().bury()
 
 
 def cpu_s() -> float:
+    """Return the CPU seconds of this process so far."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime

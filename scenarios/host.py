@@ -58,10 +58,6 @@ def team_key(scenario: Scenario) -> bytes:
     return b"ropeteam" + scenario.seed.to_bytes(8, "little") * 2
 
 
-_GRAVEYARD: list["Host"] = []
-"""Killed robots of this process: their coroutines must not be unwound, as a collected one is."""
-
-
 class Outbox(Protocol):
     """Where a host's packets go."""
 
@@ -80,6 +76,8 @@ class HostAir:
         self.me = me
         self.sent = sent
         self.urgent: list[tuple[str, int]] = []
+        self.lags_s: list[float] = []
+        """How long after their due time packets were handed over, in seconds of the run."""
         self._handler: Handler | None = None
 
     def put(self, packet: Packet) -> None:
@@ -100,9 +98,12 @@ class HostAir:
             return
         source = self.roster.index(packet.sender)
         handler = self._handler
-        loop.post(
-            arrive_ns, source, packet.number, lambda: handler(packet, arrive_ns), packet.urgent
-        )
+
+        def arrive() -> None:
+            self.lags_s.append(loop.time() - to_s(arrive_ns))
+            handler(packet, arrive_ns)
+
+        loop.post(arrive_ns, source, packet.number, arrive, packet.urgent)
 
 
 class Host:
@@ -400,8 +401,10 @@ class Host:
         status = self.status
         report = self.report()
         heard = self.robot.team.as_heard()
+        speed = self.scenario.clock.speed
         report.final = {
             **status,
+            "lags_s": [lag / speed for lag in self.air.lags_s],
             "elevation": heard.elevation_m.astype(np.float32).tobytes(),
             "sigma": np.sqrt(heard.variance_m2).astype(np.float32).tobytes(),
             "shape": list(heard.elevation_m.shape),
@@ -409,10 +412,27 @@ class Host:
         self.notebook.log.close()
         return report
 
+    def cancel(self) -> None:
+        """Take all of the robot's program off a loop that others go on using."""
+        for task in self._tasks:
+            task.cancel()
+
     def abandon(self) -> None:
-        """Forget the robot as it is, as a killed process would: none of its program runs again."""
+        """Leave the robot as it is, as a killed process would: its log ends where it stands.
+
+        Whoever abandons a host keeps it until it can be buried: a coroutine that is collected
+        runs its `finally` blocks, and a dead robot's program must not run.
+        """
         self.notebook.log.abandon()
-        _GRAVEYARD.append(self)
+
+    def bury(self) -> None:
+        """Unwind what is left of the program, after the run, when nothing that it does counts."""
+        tasks = asyncio.all_tasks(self.loop)
+        for task in tasks:
+            task.cancel()
+        if tasks:
+            self.loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
+        self.loop.close()
 
     def _publish(self, segment: Segment) -> None:
         self._close_way(segment.start_ns)

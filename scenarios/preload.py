@@ -3,10 +3,12 @@
 No Zenoh session may be open here, and no thread may run: neither survives a fork.
 """
 
+import importlib
+
 import cv2
 
-import scenarios.processes  # noqa: F401  (imported for what it imports)
 from comms.kernels import warm_all
 
+importlib.import_module("scenarios.processes")
 cv2.setNumThreads(1)
 warm_all()

@@ -19,6 +19,7 @@ from comms.air import Packet
 from comms.zenoh_air import Channel, Wire, open_client, open_hub
 from scenarios.crew import Cost, Inbox, Obituary, cpu_s
 from scenarios.host import Host
+from scenarios.realtime import serve_real
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import VirtualLoop
 
@@ -28,6 +29,8 @@ LAST_WORDS_S = 0.2
 """So long (wall) a dead process's last report may still be on its way."""
 CLOSE_S = 3.0
 """So long (wall) a process may take to end after its last report."""
+POLL_S = 0.002
+"""Pause (wall) when nothing has come."""
 PRELOAD = ["scenarios.preload"]
 """What the fork server imports before the first robot is forked: everything, kernels included."""
 PR_SET_PDEATHSIG = 1
@@ -39,7 +42,7 @@ def start_fork_server() -> None:
     forkserver.ensure_running()
 
 
-# --- in the robot's process ----------------------------------------------------------------------
+# --- in the robot's process -------------------------------------------------------------
 
 
 def robot_main(plan: Plan) -> None:
@@ -79,6 +82,9 @@ def sender_of(key: str) -> str:
 
 
 def _serve(plan: Plan, wire: Wire) -> None:
+    if plan.scenario.clock.mode == "real":
+        _last_words(wire, serve_real(plan, wire, OnZenoh(wire, plan.name), sender_of))
+        return
     grants = wire.channel(f"world/grant/{plan.name}")
     air = wire.channel("team/**")
     loop = VirtualLoop(list(plan.scenario.robots).index(plan.name), plan.start_ns)
@@ -97,7 +103,14 @@ def _serve(plan: Plan, wire: Wire) -> None:
             report.final["cost"] = (cpu_s(), peak_bytes())
         _tell(wire, report)
         if report.final is not None:
+            host.bury()
             return
+
+
+def _last_words(wire: Wire, report: Report) -> None:
+    assert report.final is not None
+    report.final["cost"] = (cpu_s(), peak_bytes())
+    _tell(wire, report)
 
 
 def _tell(wire: Wire, report: Report) -> None:
@@ -122,7 +135,7 @@ def peak_bytes() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
 
 
-# --- in the runner ---------------------------------------------------------------------------------
+# --- in the runner ----------------------------------------------------------------------
 
 
 @dataclass
@@ -164,20 +177,32 @@ class ZenohCrew:
         """Return the next report, or the obituary of a robot whose process has ended."""
         del waiting
         while True:
-            key, data = self._reports.wait()
-            name = key.rsplit("/", 1)[1]
-            robot = self._robots.get(name)
-            if robot is None:
-                continue  # of a robot that was killed meanwhile
-            if not data:
-                code = robot.process.exitcode
-                self.kill(name)
-                return Obituary(name, f"its process ended ({_ending(code)})")
-            robot.owes_since_s = None
-            report = Report.from_wire(data)
-            if report.final is not None:
-                self.costs[name] = Cost(*report.final.pop("cost"))
-            return report
+            told = self._understood(*self._reports.wait())
+            if told is not None:
+                return told
+
+    def poll(self) -> Report | Obituary | None:
+        """Return a report that has come, or None after a short wait."""
+        message = self._reports.poll()
+        if message is None:
+            time.sleep(POLL_S)
+            return None
+        return self._understood(*message)
+
+    def _understood(self, key: str, data: bytes) -> Report | Obituary | None:
+        name = key.rsplit("/", 1)[1]
+        robot = self._robots.get(name)
+        if robot is None:
+            return None  # of a robot that was killed meanwhile
+        if not data:
+            code = robot.process.exitcode
+            self.kill(name)
+            return Obituary(name, f"its process ended ({_ending(code)})")
+        robot.owes_since_s = None
+        report = Report.from_wire(data)
+        if report.final is not None:
+            self.costs[name] = Cost(*report.final.pop("cost"))
+        return report
 
     def kill(self, name: str) -> None:
         """End a robot's process with SIGKILL."""

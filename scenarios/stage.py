@@ -75,9 +75,7 @@ def set_stage(scenario: Scenario) -> Stage:
     return Stage(scenario, terrain, starts, goal)
 
 
-def _standing(
-    terrain: Terrain, x_m: float, y_m: float, yaw_rad: float, footprint_m: float
-) -> Pose:
+def _standing(terrain: Terrain, x_m: float, y_m: float, yaw_rad: float, footprint_m: float) -> Pose:
     """Return the pose of a robot that is put down at a point.
 
     Raises:

@@ -1,0 +1,249 @@
+"""Learn what the map codec's models know beforehand, and write it to `comms/prior_data.py`.
+
+    python benchmarks/train_codec.py [comms/prior_data.py]
+
+The ground is synthetic: fractal surfaces of many roughnesses with rocks, craters, slopes and cliffs,
+seen from random places with the shadows that obstacles throw, with and without noise. A new file is
+a new format: robots with different files do not understand one another.
+"""
+
+import math
+import sys
+import textwrap
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comms import maskcode, priors, residuals, sigmacode, tilecode
+from comms.gridcode import block_max
+from comms.logistic import Opinions
+from comms.maskcode import KINDS, LEARNED_SLOTS, code_mask, mask_opinions
+from comms.predict import TAP_SETS, TAPS
+from comms.pyramid import PROFILES
+from comms.rangecoder import encoder
+from comms.scales import bound_for
+
+Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Rng = np.random.Generator
+
+SIDE = 128
+CELL_M = 0.1
+GROUNDS = 36
+PASSES = 2
+BOUNDS_M = (0.01, 0.02, 0.03, 0.05, 0.05, 0.1, 0.1, 0.25)
+CROPS = {32: 8, 64: 5, 128: 2}
+
+
+@dataclass(frozen=True)
+class Job:
+    elevation_m: Floats
+    known: Bools
+    sigma_m: Floats
+    bound_m: float
+    levels: int
+    profile: int
+
+
+def fractal(rng: Rng) -> Floats:
+    f = np.hypot(np.fft.fftfreq(2 * SIDE)[:, None], np.fft.rfftfreq(2 * SIDE)[None])
+    f[0, 0] = np.inf
+    noise = rng.normal(size=f.shape) + 1j * rng.normal(size=f.shape)
+    z = np.fft.irfft2(noise * f ** (-(rng.uniform(1.6, 3.0) + 1) / 2))[:SIDE, :SIDE]
+    return (z - z.mean()) * (10 ** rng.uniform(-1.2, 0.2) / z.std())
+
+
+def distances(rng: Rng, margin_m: float = 0.0) -> tuple[Floats, Floats]:
+    """East and north of a random place, to every cell, metres."""
+    side_m = SIDE * CELL_M
+    y, x = (np.mgrid[0:SIDE, 0:SIDE] + 0.5) * CELL_M
+    east, north = rng.uniform(-margin_m, side_m + margin_m, 2)
+    return x - east, y - north
+
+
+def rocks(rng: Rng) -> Floats:
+    """Half-ellipsoids; the area they cover falls off with size as Golombek and Rapp found."""
+    k = rng.uniform(0.02, 0.25)
+    q = 1.79 + 0.152 / k
+    z = np.zeros((SIDE, SIDE))
+    for low, high in zip(*(lambda e: (e[:-1], e[1:]))(np.geomspace(0.15, 3, 30)), strict=True):
+        covered = k * (math.exp(-q * low) - math.exp(-q * high)) * (SIDE * CELL_M) ** 2
+        for _ in range(rng.poisson(covered / (math.pi * (low + high) ** 2 / 16))):
+            dx, dy = distances(rng)
+            d, turn, squash = (
+                rng.uniform(low, high),
+                rng.uniform(0, math.pi),
+                rng.uniform(0.8, 1.25),
+            )
+            u = (dx * math.cos(turn) + dy * math.sin(turn)) / (d / 2 * squash)
+            v = (dy * math.cos(turn) - dx * math.sin(turn)) / (d / 2 / squash)
+            height = d * rng.uniform(0.3, 0.6)
+            z = np.maximum(z, height * np.sqrt(np.clip(1 - u * u - v * v, 0, None)))
+    return z
+
+
+def craters(rng: Rng) -> Floats:
+    z = np.zeros((SIDE, SIDE))
+    for _ in range(rng.integers(1, 4)):
+        radius = rng.uniform(0.5, 4)
+        r = np.maximum(np.hypot(*distances(rng)) / radius, 1e-6)
+        z += rng.uniform(0.1, 0.3) * radius * np.where(r < 1, r**2 - 0.75, 0.25 / r**3)
+    return z
+
+
+def cliff(rng: Rng) -> Floats:
+    x = np.arange(SIDE) * CELL_M
+    line = rng.uniform(0.2, 0.8) * SIDE * CELL_M + rng.uniform(0, 1.5) * np.sin(
+        x / rng.uniform(1, 4) + rng.uniform(0, 6)
+    )
+    z = rng.uniform(0.3, 3) / (1 + np.exp(np.clip(-(x[:, None] - line) / 0.1, -50, 50)))
+    return np.rot90(z, rng.integers(0, 4))
+
+
+def ground(rng: Rng) -> Floats:
+    z = fractal(rng)
+    for chance, shape in ((0.35, cliff), (0.7, rocks), (0.4, craters)):
+        if rng.random() < chance:
+            z = z + shape(rng)
+    if rng.random() < 0.3:
+        dx, dy = distances(rng)
+        z = z + rng.uniform(-0.4, 0.4) * dx + rng.uniform(-0.4, 0.4) * dy
+    return z
+
+
+def seen(z: Floats, rng: Rng) -> Bools:
+    """Cells in line of sight within one wedge from a random place."""
+    row, col = rng.uniform(0.03, 0.97, 2) * SIDE
+    camera_m = z[int(row), int(col)] + rng.uniform(0.8, 1.6)
+    half = math.radians(rng.choice([30, 45]))
+    azimuth = rng.uniform(0, 2 * math.pi) + np.arange(-half, half, 0.002)[:, None]
+    r = np.arange(5, rng.uniform(5, 15) / CELL_M, 0.5)[None]
+    i = np.floor(row + r * np.sin(azimuth)).astype(int)
+    j = np.floor(col + r * np.cos(azimuth)).astype(int)
+    inside = (i >= 0) & (i < SIDE) & (j >= 0) & (j < SIDE)
+    slope = (z[np.clip(i, 0, SIDE - 1), np.clip(j, 0, SIDE - 1)] - camera_m) / r
+    visible = inside & (slope >= np.maximum.accumulate(slope, 1) - 1e-9)
+    mask = np.zeros(z.shape, bool)
+    mask[i[visible], j[visible]] = True
+    return mask
+
+
+def view(z: Floats, rng: Rng) -> Bools:
+    if rng.random() < 0.4:
+        return np.ones(z.shape, bool)
+    target, mask = rng.uniform(0.3, 0.95), seen(z, rng)
+    for _ in range(60):
+        if mask.mean() > target:
+            break
+        mask |= seen(z, rng)
+    return mask
+
+
+def sigmas(rng: Rng) -> Floats:
+    """Standard deviations after a few looks whose error grows with the square of the range."""
+    information = np.zeros((SIDE, SIDE))
+    for look in range(rng.integers(1, 5)):
+        dx, dy = distances(rng, 5.0)
+        turned = np.angle(np.exp(1j * (np.arctan2(dy, dx) - rng.uniform(0, 6.3))))
+        met = (np.abs(turned) < 0.6) | (look == 0)
+        information += met / (0.0008 * (dx**2 + dy**2 + 1)) ** 2
+    return 1 / np.sqrt(information)
+
+
+def jobs(rng: Rng) -> list[Job]:
+    found: list[Job] = []
+    for _ in range(GROUNDS):
+        z = ground(rng)
+        known = view(z, rng)
+        if rng.random() < 0.35:
+            z = z + rng.normal(0, rng.choice([0.003, 0.01, 0.02, 0.03]), z.shape)
+        sigma_m = sigmas(rng)
+        for side, crops in CROPS.items():
+            for _ in range(crops):
+                i, j = rng.integers(0, SIDE - side + 1, 2)
+                cut = np.s_[i : i + side, j : j + side]
+                bound_m = float(rng.choice(BOUNDS_M))
+                profile = 0 if bound_m < 0.08 or rng.random() < 0.3 else int(rng.integers(1, 4))
+                if known[cut].mean() > 0.05:
+                    levels = int(rng.integers(2, 5))
+                    job = Job(z[cut], known[cut], sigma_m[cut], bound_m, levels, profile)
+                    found.append(job)
+    return found
+
+
+def prepare(job: Job) -> tuple[tilecode.Head, list[tilecode.Truth]]:
+    """What the encoder would write, as far as the models do not matter."""
+    bound = bound_for(job.bound_m, 1e-9, 2)
+    assert bound is not None
+    known = np.ascontiguousarray(job.known)
+    base = round(float(np.median(job.elevation_m[known])) / bound.step_m)
+    head = tilecode.Head(known.shape, bound, job.levels, job.profile, bool(known.all()), base)
+    codes = block_max(sigmacode.code_of(job.sigma_m, known), tilecode.SIGMA_BLOCK)
+    mask = known.astype(np.uint8)
+    truth = tilecode.Truth(head.scale.units(job.elevation_m), mask, codes, mask, 0)
+    errors_m = tilecode.rehearse(job.elevation_m, truth, head)
+    plan = tilecode.plan_levels(errors_m, known, bound, job.levels)
+    return head, [replace(truth, told=told, bound_code=code) for code, told in plan]
+
+
+def fresh() -> dict[str, Opinions]:
+    learned = {kind: mask_opinions(kind) for kind in KINDS}
+    learned["residuals"] = residuals.residual_opinions()
+    learned["sigma"] = sigmacode.sigma_opinions()
+    return learned
+
+
+def learn(learned: dict[str, Opinions], taps: NDArray[np.int64], job: Job) -> int:
+    """Code one job in the shared models; return its size in bytes."""
+    head, truths = prepare(job)
+    for kind in KINDS:  # what is not kept has to be as it will be: new to every payload
+        learned[kind].models[LEARNED_SLOTS:] = priors.fresh_models(1)[0]
+    priors.share(learned, taps)
+    if not head.whole:
+        mask = truths[0].mask.copy()
+        code_mask(encoder(mask.size + 256), learned["whole"], np.zeros_like(mask), mask)
+    size = len(tilecode.write(head, truths).data)
+    priors.share({}, None)
+    return size
+
+
+def write(path: Path, learned: dict[str, Opinions], taps: NDArray[np.int64]) -> None:
+    texts = {
+        name: priors.pack_opinions(opinions, slots_of(name, opinions))
+        for name, opinions in learned.items()
+    }
+    texts["taps"] = priors.pack_taps(taps)
+    lines = ['"""Priors of the codec: written by `benchmarks/train_codec.py`, not by hand."""', ""]
+    lines.append("PRIORS: dict[str, str] = {")
+    for name, text in texts.items():
+        lines.append(f'    "{name}": (')
+        lines += [f'        "{part}"' for part in textwrap.wrap(text, 88, break_on_hyphens=False)]
+        lines.append("    ),")
+    path.write_text("\n".join([*lines, "}", ""]))
+
+
+def slots_of(name: str, opinions: Opinions) -> int:
+    return LEARNED_SLOTS if name in maskcode.KINDS else opinions.models.size
+
+
+def main(path: Path) -> None:
+    rng = np.random.default_rng(777)
+    priors.PRIORS.clear()
+    todo, learned = jobs(rng), fresh()
+    taps, history = np.zeros((TAP_SETS, TAPS), np.int64), []
+    for turn in range(PASSES):
+        total = 0
+        for k in rng.permutation(len(todo)):
+            total += learn(learned, taps, todo[k])
+            history = [*history[-200:], taps.copy()]
+            if len(history) % 50 == 0:
+                taps[:] = np.mean(history, 0)
+        print(f"pass {turn}: {len(todo)} tiles, {total} bytes")
+    write(path, learned, np.rint(np.mean(history, 0)).astype(np.int64))
+
+
+if __name__ == "__main__":
+    default = Path(__file__).parents[1] / "comms" / "prior_data.py"
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else default)
