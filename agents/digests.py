@@ -10,7 +10,7 @@ from agents.store import AnchorKey, Chunk, Store, TileKey, Version
 
 GUARD_S = 5.0
 """What was sent less than this before a digest came may have crossed it on the air."""
-FIRST_WAIT_S = 30.0
+FIRST_WAIT_S = 45.0
 LONGEST_WAIT_S = 480.0
 
 
@@ -124,49 +124,66 @@ def _reach(belief: _Belief) -> float:
     return float("inf") if belief.prefix_bytes < 0 else belief.prefix_bytes
 
 
-def digest_payload(
-    store: Store, cursor: int, payload_bytes: int, tile_count: int
-) -> tuple[bytes, int]:
-    """Return one digest frame's payload and the cursor of the next.
-
-    A digest that does not fit goes on in the next frame: `cursor` counts the tiles told so far.
-    Each frame is of use alone; it says which tiles it speaks of.
-    """
-    anchors = sorted(
-        {AnchorKey(k.robot, k.incarnation, k.submap) for k in store.keys()} | set(store.anchors)
-    )
-    versions = tuple(
-        (key, store.anchors[key].version + 1 if key in store.anchors else 0) for key in anchors
-    )
-    keys = store.keys()
-    start = cursor if cursor < len(keys) else 0
-    low, high = start, len(keys)
-    payload = _digest_of(store, versions, keys, start, high, tile_count)
-    while len(payload) > payload_bytes and high > low + 1:
-        high = start + max(1, (high - start) * payload_bytes // (len(payload) + 8))
-        payload = _digest_of(store, versions, keys, start, high, tile_count)
-    return payload, (high if high < len(keys) else 0)
+REFRESHED = 12
+"""Tiles told again with each digest though nothing changed: a digest that was lost is made good."""
 
 
-def _digest_of(
-    store: Store,
-    versions: tuple[tuple[AnchorKey, int], ...],
-    keys: list[TileKey],
-    start: int,
-    end: int,
-    tile_count: int,
-) -> bytes:
-    """Pack the tiles keys[start:end]; each section spans up to the next tile that is held."""
-    sections: list[Section] = []
-    for anchor, _ in versions:
-        places = [i for i, k in enumerate(keys) if AnchorKey(*k[:3]) == anchor]
-        told = [i for i in places if start <= i < end]
-        if not told:
-            continue
-        first = 0 if told[0] == places[0] else keys[told[0]].tile
-        last = tile_count - 1 if told[-1] == places[-1] else keys[told[-1] + 1].tile - 1
-        sections.append(Section(anchor, first, last, tuple(_held(store, keys[i]) for i in told)))
-    return pack_digest(Digest(versions, tuple(sections)))
+class Teller:
+    """Says what a robot has, a frame at a time: first what is news, and a few old things in turn."""
+
+    def __init__(self, store: Store, tile_count: int) -> None:
+        """Tell of a store whose submaps have so many tiles."""
+        self._store = store
+        self._tile_count = tile_count
+        self._news: set[TileKey] = set(store)
+        self._cursor = 0
+
+    @property
+    def has_more(self) -> bool:
+        """Whether news did not fit into the last frame."""
+        return bool(self._news)
+
+    def changed(self, key: TileKey) -> None:
+        """Note that more of a tile is here than was told."""
+        self._news.add(key)
+
+    def next_payload(self, payload_bytes: int) -> bytes:
+        """Return one digest frame's payload; it is of use alone, and says what it speaks of."""
+        keys = self._store.keys()
+        anchors = sorted({AnchorKey(*key[:3]) for key in keys} | set(self._store.anchors))
+        versions = tuple(
+            (key, self._store.anchors[key].version + 1 if key in self._store.anchors else 0)
+            for key in anchors
+        )
+        told = [i for i, key in enumerate(keys) if key in self._news]
+        turn = [(self._cursor + i) % len(keys) for i in range(min(REFRESHED, len(keys)))]
+        for size in range(len(told), -1, -max(1, len(told) // 8)):
+            places = sorted({*told[:size], *(turn if size == len(told) else ())})
+            payload = pack_digest(Digest(versions, self._sections(keys, places)))
+            if len(payload) <= payload_bytes:
+                break
+        self._news.difference_update(keys[i] for i in places)
+        self._cursor = (self._cursor + REFRESHED) % max(1, len(keys))
+        return payload
+
+    def _sections(self, keys: list[TileKey], places: list[int]) -> tuple[Section, ...]:
+        """Return sections for runs of neighbours among the tiles held; gaps say "not held"."""
+        runs: list[list[int]] = []
+        for i in places:
+            if runs and i == runs[-1][-1] + 1 and keys[i][:3] == keys[i - 1][:3]:
+                runs[-1].append(i)
+            else:
+                runs.append([i])
+        return tuple(self._section(keys, run) for run in runs)
+
+    def _section(self, keys: list[TileKey], run: list[int]) -> Section:
+        first, last = run[0], run[-1]
+        anchor = AnchorKey(*keys[first][:3])
+        opens = first == 0 or AnchorKey(*keys[first - 1][:3]) != anchor
+        closes = last + 1 == len(keys) or AnchorKey(*keys[last + 1][:3]) != anchor
+        start = 0 if opens else keys[first].tile
+        end = self._tile_count - 1 if closes else keys[last + 1].tile - 1
+        return Section(anchor, start, end, tuple(_held(self._store, keys[i]) for i in run))
 
 
 def _held(store: Store, key: TileKey) -> Held:
@@ -181,22 +198,24 @@ class DigestClock:
     def __init__(self, settings: SharingSettings) -> None:
         """Start with a digest at once: a newcomer says what it lacks."""
         self.settings = settings
-        self.cursor = 0
+        self._due_s = -1.0
         self._sent_s = 0.0
         self._pause_s = 0.0
         self._wait_s = FIRST_WAIT_S
 
     def changed(self) -> None:
         """Note news: the next digest need not wait for the long pause of quiet times."""
-        self._wait_s = min(self._wait_s, FIRST_WAIT_S)
+        self._wait_s = FIRST_WAIT_S
+        self._due_s = min(self._due_s, self._sent_s + max(self._pause_s, FIRST_WAIT_S))
 
     def due(self, now_s: float) -> bool:
         """Say whether a digest is due."""
-        pause_s = self._pause_s if self.cursor else max(self._pause_s, self._wait_s)
-        return self._pause_s == 0.0 or now_s >= self._sent_s + pause_s
+        return now_s >= self._due_s
 
-    def sent(self, now_s: float, size_bytes: int, rate_bps: float, team_size: int) -> None:
-        """Note that a digest (or a part of one) was sent.
+    def sent(
+        self, now_s: float, size_bytes: int, rate_bps: float, team_size: int, *, has_more: bool
+    ) -> None:
+        """Note that a digest was sent.
 
         The next comes no sooner than the share of the link allows that all robots' digests may
         take together.
@@ -204,5 +223,6 @@ class DigestClock:
         share = max(self.settings.digest_share, 1e-6) / team_size
         self._sent_s = now_s
         self._pause_s = max(1.0, 8 * size_bytes / rate_bps / share)
-        if self.cursor == 0:
+        self._due_s = now_s + (self._pause_s if has_more else max(self._pause_s, self._wait_s))
+        if not has_more:
             self._wait_s = min(2 * self._wait_s, LONGEST_WAIT_S)

@@ -11,6 +11,7 @@ A record that was cut short by the crash ends the journal; a half-written layer 
 
 import os
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -21,7 +22,7 @@ import numpy as np
 from agents.errors import AgentError
 from agents.geometry import Floats, GridFrame, Pose
 from agents.layers import Anchor, OwnLayer, Submap
-from agents.store import Chunk, Origin, TileKey
+from agents.store import AnchorKey, Chunk, Origin, TileKey
 
 LENGTH_BYTES = 4
 
@@ -40,6 +41,8 @@ class Recovered:
         default_factory=list[tuple[Origin, int, Submap]]
     )
     """The last incarnation's own submaps, with their origin and index."""
+    anchors: dict[AnchorKey, Anchor] = field(default_factory=dict[AnchorKey, Anchor])
+    """Of the incarnations before the last: without them nobody knows where their maps lie."""
     pose: Pose | None = None
     covariance: Floats | None = None
 
@@ -53,7 +56,12 @@ class Disk:
         self.incarnation = 0
 
     def begin(self) -> int:
-        """Begin the next incarnation and make it durable; return its number, from 0."""
+        """Begin the next incarnation and make it durable; return its number, from 0.
+
+        Raises:
+            DiskError: the folder can't be read or written.
+
+        """
         path = self.folder / "incarnation"
         try:
             before = int(path.read_text()) if path.exists() else -1
@@ -61,6 +69,7 @@ class Disk:
             raise DiskError(f"{path}: cannot be read as a number: {error}") from error
         self.incarnation = before + 1
         self._replace(path, str(self.incarnation).encode(), durable=True)
+        self._mend_journal()
         return self.incarnation
 
     def journal(self, chunk: Chunk) -> None:
@@ -79,13 +88,23 @@ class Disk:
         except OSError as error:
             raise DiskError(f"{self.folder / 'journal'}: cannot be written: {error}") from error
 
-    def layer_content(self, layer: OwnLayer, pose: Pose, covariance: Floats) -> tuple[object, ...]:
-        """Return the own layer and the believed pose as `save_layer` takes them: a copy."""
+    def layer_content(
+        self,
+        layer: OwnLayer,
+        pose: Pose,
+        covariance: Floats,
+        former: Mapping[AnchorKey, Anchor],
+    ) -> tuple[object, ...]:
+        """Return the own layer and the believed pose as `save_layer` takes them: a copy.
+
+        `former` are the anchors of this robot's former incarnations.
+        """
         return (
             self.incarnation,
             _numbers(pose),
             covariance.ravel().tolist(),
             [_submap_record(submap) for submap in layer.submaps],
+            [(tuple(key), _anchor_record(former[key])) for key in sorted(former)],
         )
 
     def save_layer(self, content: tuple[object, ...]) -> None:
@@ -101,31 +120,44 @@ class Disk:
         """Return what former incarnations left; nothing where this is the first.
 
         Raises:
-            DiskError: the layer's file is there but unreadable.
+            DiskError: a file is there but unreadable.
 
         """
-        recovered = Recovered(self._read_journal())
+        recovered = Recovered(self._read_journal()[0])
         path = self.folder / "layer"
         if not path.exists():
             return recovered
         try:
             content: Any = msgpack.unpackb(zlib.decompress(path.read_bytes()))
-            incarnation, pose, covariance, submaps = content
+            incarnation, pose, covariance, submaps, former = content
             recovered.pose = Pose(*pose)
             recovered.covariance = np.array(covariance).reshape(4, 4)
             robot = recovered.chunks[0].key.robot if recovered.chunks else -1
             for index, record in enumerate(submaps):
                 submap = _submap_of(record, frame)
                 recovered.submaps.append((Origin(robot, incarnation), index, submap))
-        except (OSError, ValueError, TypeError, zlib.error) as error:
+            recovered.anchors = {AnchorKey(*key): _anchor_of(record) for key, record in former}
+        except (OSError, ValueError, TypeError, IndexError, zlib.error) as error:
             raise DiskError(f"{path}: is no saved layer: {error}") from error
         return recovered
 
-    def _read_journal(self) -> list[Chunk]:
+    def _mend_journal(self) -> None:
+        """Cut a record that was cut short off the journal: what comes next must be found."""
         path = self.folder / "journal"
-        if not path.exists():
-            return []
-        data = path.read_bytes()
+        _, whole_bytes = self._read_journal()
+        try:
+            if path.exists() and path.stat().st_size > whole_bytes:
+                os.truncate(path, whole_bytes)
+        except OSError as error:
+            raise DiskError(f"{path}: cannot be mended: {error}") from error
+
+    def _read_journal(self) -> tuple[list[Chunk], int]:
+        """Return the versions in the journal, and the length of its whole records in bytes."""
+        path = self.folder / "journal"
+        try:
+            data = path.read_bytes() if path.exists() else b""
+        except OSError as error:
+            raise DiskError(f"{path}: cannot be read: {error}") from error
         chunks: list[Chunk] = []
         at = 0
         while at + LENGTH_BYTES <= len(data):
@@ -136,7 +168,7 @@ class Disk:
             key, version, payload = cast("tuple[list[int], int, bytes]", msgpack.unpackb(body))
             chunks.append(Chunk(TileKey(*key), version, len(payload), 0, payload))
             at = end + 4
-        return chunks
+        return chunks, at
 
     def _replace(self, path: Path, data: bytes, *, durable: bool = False) -> None:
         part = path.with_name(f".{path.name}.part")
@@ -164,12 +196,20 @@ def _numbers(pose: Pose) -> tuple[float, float, float, float]:
     return (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad)
 
 
+def _anchor_record(anchor: Anchor) -> tuple[object, ...]:
+    return (anchor.version, _numbers(anchor.pose), _numbers(anchor.corrected), anchor.variance)
+
+
+def _anchor_of(record: Any) -> Anchor:
+    version, pose, corrected, (x, y, z, yaw) = record
+    return Anchor(version, Pose(*pose), Pose(*corrected), (x, y, z, yaw))
+
+
 def _submap_record(submap: Submap) -> tuple[object, ...]:
     """Return a submap as plain values: its anchor and the cells that it knows."""
     cells = np.flatnonzero(submap.information)
-    anchor = submap.anchor
     return (
-        (anchor.version, _numbers(anchor.pose), _numbers(anchor.corrected), anchor.variance),
+        _anchor_record(submap.anchor),
         cells.astype(np.int32).tobytes(),
         submap.information.ravel()[cells].tobytes(),
         submap.weighted_z.ravel()[cells].tobytes(),
@@ -178,9 +218,8 @@ def _submap_record(submap: Submap) -> tuple[object, ...]:
 
 
 def _submap_of(record: Any, frame: GridFrame) -> Submap:
-    (version, pose, corrected, variance), cells, information, weighted_z, looks = record
-    x, y, z, yaw = variance
-    submap = Submap(frame, Anchor(version, Pose(*pose), Pose(*corrected), (x, y, z, yaw)))
+    anchor, cells, information, weighted_z, looks = record
+    submap = Submap(frame, _anchor_of(anchor))
     where = np.frombuffer(cells, np.int32)
     submap.information.ravel()[where] = np.frombuffer(information)
     submap.weighted_z.ravel()[where] = np.frombuffer(weighted_z)

@@ -32,9 +32,12 @@ def rounded_pose(pose: Pose) -> Pose:
 
 
 def variance_step(variance: float) -> int:
-    """Return the step, 0 to 255, that stands for a variance that is no smaller."""
+    """Return the least step, 0 to 255, that stands for a variance that is no smaller."""
     octaves = math.log2(max(variance, LEAST_VARIANCE) / LEAST_VARIANCE)
-    return min(255, math.ceil(octaves * VARIANCE_STEPS - 1e-9))
+    near = max(0, round(octaves * VARIANCE_STEPS))
+    # The logarithm is rounded: the steps themselves decide.
+    steps = range(max(0, near - 1), min(255, near + 2))
+    return next((step for step in steps if variance_of_step(step) >= variance), 255)
 
 
 def variance_of_step(step: int) -> float:

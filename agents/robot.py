@@ -16,7 +16,7 @@ import numpy as np
 from agents.disk import Disk, DiskError, Recovered
 from agents.errors import AgentError
 from agents.fusion import PoseFilter, compose
-from agents.geometry import Bools, Floats, GridFrame, Pose, wrap_angle
+from agents.geometry import Bools, Floats, GridFrame, Pose, Singles, wrap_angle
 from agents.information import Interest
 from agents.layers import OwnLayer, bin_look
 from agents.messages import (
@@ -33,6 +33,7 @@ from agents.messages import (
     unpack_tethers,
 )
 from agents.ports import Exposure, Hardware, Sighting
+from agents.scene import WISHED
 from agents.settings import (
     DriveSettings,
     MapSettings,
@@ -42,7 +43,6 @@ from agents.settings import (
     TetherSettings,
 )
 from agents.sharing import Sharing
-from agents.scene import WISHED
 from agents.store import AnchorKey, Origin, Store, TileKey
 from agents.strategies import LookPlan, View, expected_visibility, strategy
 from agents.teammap import TeamMap, TileGrid
@@ -54,6 +54,8 @@ ACTIVITIES = ("starting", "exploring", "waiting", "descending", "holding", "watc
 """What a robot may be doing, as its status says by number."""
 GATE = 25.0
 """Innovations beyond this (chi-squared, 4 degrees of freedom: 5e-5) are not believed."""
+KEEP_ALIVE_S = 60.0
+"""A robot of which nothing changes says so this often."""
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
 LEG_M = 1.0
@@ -169,6 +171,8 @@ class Robot:
         self.rate_bps: Callable[[], float] = lambda: math.inf
         self.radio: RadioPort | None = None
         self._status_due = True
+        self._told_status = b""
+        self._told_s = 0.0
         self._fixes: dict[int, Fix] = {}
         if self.me.incarnation > 0:
             self._take_up(self._recovered())
@@ -211,21 +215,28 @@ class Robot:
         for chunk in recovered.chunks:
             self.store.offer(chunk)
             self.team.tile_changed(chunk.key)
+        for key, anchor in recovered.anchors.items():
+            self.store.offer_anchor(key, anchor)
         for origin, index, submap in recovered.submaps:
             former = Origin(self.me.robot, origin.incarnation)
             published = self.team.published_mask(former, index)
             kept = submap.known & ~published
             self.store.offer_anchor(AnchorKey(*former, index), submap.anchor)
             if kept.any():
-                fresh = self.own.begin_submap(
-                    submap.anchor.corrected, np.diag(submap.anchor.variance)
-                )
+                fresh = self.own.begin_submap(submap.anchor.pose, np.diag(submap.anchor.variance))
+                fresh.anchor = submap.anchor  # as drawn, and as corrected since
                 fresh.take(submap, kept)
                 self._tiles_changed(len(self.own.submaps) - 1, kept)
         if recovered.pose is not None and recovered.covariance is not None:
             # It may have driven on for a leg after the pose was last written down.
             lost = np.diag([LEG_M**2 / 4, LEG_M**2 / 4, 0.01, 0.03])
             self.filter = PoseFilter(recovered.pose, recovered.covariance + lost)
+        # On disk before any of it can be published: a life that ends before its first look must
+        # not leave these cells behind as the former one's, to be taken up and counted once more.
+        try:
+            self.disk.save_layer(self._layer_content())
+        except DiskError as error:
+            self.log.event("disk", str(error))
         self.log.event(
             "restart",
             f"incarnation {self.me.incarnation}: {len(recovered.chunks)} published versions and "
@@ -234,11 +245,20 @@ class Robot:
 
     async def save(self) -> None:
         """Write the own layer to disk; a disk that fails is told, and the robot goes on."""
-        content = self.disk.layer_content(self.own, self.pose, self.filter.covariance)
+        content = self._layer_content()
         try:
             await asyncio.to_thread(self.disk.save_layer, content)
         except DiskError as error:
             self.log.event("disk", str(error))
+
+    def _layer_content(self) -> tuple[object, ...]:
+        me = self.me
+        former = {
+            key: anchor
+            for key, anchor in self.store.anchors.items()
+            if key.robot == me.robot and key.incarnation != me.incarnation
+        }
+        return self.disk.layer_content(self.own, self.pose, self.filter.covariance, former)
 
     # --- look, localise, fuse -------------------------------------------------------------
 
@@ -305,7 +325,7 @@ class Robot:
         pan_rad = wrap_angle(math.atan2(dy, dx) - self.pose.yaw_rad)
         return distance_m, pan_rad, math.atan2(up_m, max(distance_m, 0.1))
 
-    def fuse(self, exposure: Exposure, expected: Floats) -> None:
+    def fuse(self, exposure: Exposure, expected: Singles) -> None:
         """Fuse one look into the own layer (Eqs. 19-21), and lose interest in what failed."""
         covariance = self.filter.covariance
         cell_m = self.settings.map.cell_m
@@ -354,7 +374,7 @@ class Robot:
         return View(
             frame=self.settings.frame,
             elevation_m=fused.elevation_m,
-            sigma_m=np.sqrt(fused.variance_m2),
+            sigma_m=self.team.relief_sigma_m(),
             looks=fused.looks.astype(np.int64),
             interest=self.interest.share,
             pose=self.pose,
@@ -473,7 +493,8 @@ class Robot:
             return Outgoing(Kind.FIX, pack_fix(self._fixes.pop(index)))
         if self._status_due:
             self._status_due = False
-            return Outgoing(Kind.STATUS, pack_status(self._status()))
+            self._told_status, self._told_s = pack_status(self._status()), now_ns / 1e9
+            return Outgoing(Kind.STATUS, self._told_status)
         try:
             chosen = self.sharing.choose(now_ns / 1e9, payload_bytes, self.rate_bps())
         except DiskError as error:
@@ -546,7 +567,10 @@ class Robot:
     async def heartbeat(self) -> None:
         """Tell the team now and then where it is; looks whether a digest is due as well."""
         while True:
-            self.tell_status()
+            status = pack_status(self._status())
+            if status != self._told_status or self.now_s >= self._told_s + KEEP_ALIVE_S:
+                self.tell_status()
+            self.kick()
             await asyncio.sleep(self.settings.sharing.status_s)
 
     @property

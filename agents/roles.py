@@ -193,7 +193,7 @@ def _with_own_stand(robot: Robot) -> tuple[Floats, Floats]:
     No camera sees the ground that a robot stands on; its wheels tell its height.
     """
     fused = robot.team.fused()
-    elevation_m, sigma_m = fused.elevation_m.copy(), np.sqrt(fused.variance_m2)
+    elevation_m, sigma_m = fused.elevation_m.copy(), robot.team.relief_sigma_m().copy()
     frame, pose = robot.settings.frame, robot.pose
     rows, cols = np.indices(frame.shape)
     x_m = frame.x_m + (cols + 0.5) * frame.cell_m - pose.x_m

@@ -59,6 +59,9 @@ class DriveSettings(Settings):
     turn_rate_radps: Positive = 0.15
     wheel_m: Positive = 0.2
     """Wheel diameter: the critical length of the paper's cliff edge and quadtree."""
+    climb_m: Positive = 0.15
+    """Highest rock or step that the wheels climb; whatever is higher is a hazard. Planners keep
+    clear of all that they see to be higher than half a wheel."""
     footprint_m: Positive = 0.8
     """Diameter of the circle that the robot covers."""
     max_slope_deg: Annotated[float, Field(gt=0, lt=90)] = 25.0

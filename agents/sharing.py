@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.digests import Believed, DigestClock, digest_payload, take_digest
+from agents.digests import Believed, DigestClock, Teller, take_digest
 from agents.layers import OwnLayer
 from agents.messages import CHUNK_HEADER_BYTES, Digest, pack_anchor, pack_chunks
 from agents.settings import MapSettings, SharingSettings
@@ -93,6 +93,7 @@ class Sharing:
         self.believed = {robot: Believed() for robot in self.peers}
         self.published: dict[TileKey, Published] = {}
         self.clock = DigestClock(settings)
+        self.teller = Teller(self.store, team.grid.count)
         self.weight: Callable[[TileKey], float] = lambda key: 1.0
         self._steps: dict[tuple[TileKey, int], Steps] = {}
         self._offers: dict[TileKey, Offer] = {}
@@ -115,6 +116,7 @@ class Sharing:
         self._stale.add(chunk.key)
         if changed:
             self._order[chunk.key] = len(self._order)
+            self.teller.changed(chunk.key)
             self.clock.changed()
 
     def heard_anchor(self, key: AnchorKey, version: int) -> None:
@@ -127,8 +129,6 @@ class Sharing:
         """Believe what a team-mate says that it has, but for what was sent only just now."""
         changed = take_digest(self.believed[sender], digest, now_s)
         self._stale.update(changed)
-        mine = {key for key in self.store.keys() if key in self._offers or key in changed}
-        self._stale.update(mine)
 
     # --- what to send ---------------------------------------------------------------------
 
@@ -142,10 +142,9 @@ class Sharing:
                 believed.has_anchor(anchor, self.store.anchors[anchor].version)
             return Kind.ANCHOR, pack_anchor(anchor, self.store.anchors[anchor])
         if self.clock.due(now_s):
-            payload, self.clock.cursor = digest_payload(
-                self.store, self.clock.cursor, payload_bytes, self.team.grid.count
-            )
-            self.clock.sent(now_s, len(payload), rate_bps, len(self.peers) + 1)
+            payload = self.teller.next_payload(payload_bytes)
+            team_size, has_more = len(self.peers) + 1, self.teller.has_more
+            self.clock.sent(now_s, len(payload), rate_bps, team_size, has_more=has_more)
             return Kind.DIGEST, payload
         chunks = self._choose_chunks(now_s, payload_bytes)
         if chunks:
@@ -225,11 +224,11 @@ class Sharing:
         version = self.store.newest(key)
         if version is None or version.prefix_bytes == 0:
             return None
-        steps = self._steps_of(key, version)
         starts = [b.prefix_of(key, version) for b in self.believed.values()]
         start = min(starts, default=version.prefix_bytes)
         if start >= version.prefix_bytes:
             return None
+        steps = self._steps_of(key, version)
         have = [b.bits_of(key, version, self._steps) for b in self.believed.values()]
         best = Offer(0.0, start, version.prefix_bytes)
         for end, bits in zip(steps.ends, steps.bits, strict=True):
@@ -282,6 +281,7 @@ class Sharing:
         self.store.offer_anchor(anchor, submap.anchor)
         self.store.offer(chunk)
         self.team.tile_changed(key)
+        self.teller.changed(key)
         self._learn_steps(key, number, encoded)
         # The gain is counted against what was published, not against what is worth sending of it.
         bits = self._own_tile(key).information_bits(self.map.prior_sigma_m)
@@ -295,26 +295,15 @@ class Sharing:
         )
 
     def _steps_of(self, key: TileKey, version: Version) -> Steps:
+        """Return what a version is worth level by level; of one that was heard, all at once.
+
+        Where its levels end only its origin knows; who relays it sends all that it has.
+        """
         known = self._steps.get((key, version.number))
         if known is None or known.known_bytes < version.prefix_bytes:
-            known = _steps(version.prefix, level_ends(version.prefix), self.map.prior_sigma_m)
+            known = _steps(version.prefix, (version.prefix_bytes,), self.map.prior_sigma_m)
             self._steps[(key, version.number)] = known
         return known
-
-
-def level_ends(prefix: bytes) -> tuple[int, ...]:
-    """Return the bytes at which each level of a heard payload's prefix is whole (by bisection)."""
-    ends: list[int] = []
-    for level in range(decode_tile(prefix).level + 1):
-        low, high = (ends[-1] if ends else 0), len(prefix)
-        while low < high:
-            middle = (low + high) // 2
-            if decode_tile(prefix[:middle]).level >= level:
-                high = middle
-            else:
-                low = middle + 1
-        ends.append(high)
-    return tuple(ends)
 
 
 def _steps(data: bytes, ends: tuple[int, ...], prior_sigma_m: float) -> Steps:

@@ -180,6 +180,10 @@ class Store:
         """Return all tile keys in order."""
         return sorted(self._tiles)
 
+    def __iter__(self) -> Iterator[TileKey]:
+        """Iterate over all tile keys in order."""
+        return iter(self.keys())
+
     def all_versions(self) -> Iterator[tuple[TileKey, Version]]:
         """Yield every version kept, in order of key and number."""
         for key in self.keys():

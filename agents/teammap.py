@@ -122,6 +122,7 @@ class TeamMap:
         self._decoded: dict[TileKey, list[tuple[tuple[int, int], DecodedTile]]] = {}
         self._fused: Estimate | None = None
         self._heard: Estimate | None = None
+        self._relief: Floats | None = None
 
     def tile_changed(self, key: TileKey) -> None:
         """Redraw a tile whose payload grew."""
@@ -132,11 +133,11 @@ class TeamMap:
         drawing.elevation_m[window] = tile.elevation_m
         drawing.variance_m2[window] = tile.variance_m2
         drawing.looks[window] = tile.looks
-        self._fused = self._heard = None
+        self._fused = self._heard = self._relief = None
 
     def own_changed(self) -> None:
         """Note that this robot measured something, or that an anchor moved."""
-        self._fused = self._heard = None
+        self._fused = self._heard = self._relief = None
 
     def tile_estimate(self, key: TileKey) -> Estimate:
         """Decode what the store has of a tile, before its anchor is applied.
@@ -179,6 +180,17 @@ class TeamMap:
             self._fused = self._fuse(own_as_sent=False)
         return self._fused
 
+    def relief_sigma_m(self) -> Floats:
+        """Return each cell's standard deviation (inf unknown) against the ground next to it.
+
+        How sure the map is of its place as a whole does not matter to a wheel: the anchors'
+        covariance is left out.
+        """
+        if self._relief is None:
+            relief = self._fuse(own_as_sent=False, with_anchors=False)
+            self._relief = np.sqrt(relief.variance_m2)
+        return self._relief
+
     def as_heard(self) -> Estimate:
         """Return the team map with the own cells no finer than team-mates can have them."""
         if self._heard is None:
@@ -210,7 +222,7 @@ class TeamMap:
             return np.zeros(self.grid.frame.shape, dtype=bool)
         return drawing.known
 
-    def _fuse(self, *, own_as_sent: bool) -> Estimate:
+    def _fuse(self, *, own_as_sent: bool, with_anchors: bool = True) -> Estimate:
         shape = self.grid.frame.shape
         origins: dict[Origin, Estimate] = {}
         for key in sorted(self._drawn):
@@ -218,7 +230,7 @@ class TeamMap:
             anchor = self.store.anchors.get(key)
             if origin == self.me or anchor is None:
                 continue  # without an anchor nobody knows where the submap lies
-            laid = self.lay(self._drawn[key], anchor)
+            laid = self.lay(self._drawn[key], anchor, with_covariance=with_anchors)
             origins[origin] = surest(origins.get(origin, blank(shape)), laid)
         for index, submap in enumerate(self.own.submaps):
             if own_as_sent:
@@ -226,15 +238,17 @@ class TeamMap:
             else:
                 elevation, variance = submap.estimate((slice(None), slice(None)))
                 drawing = Estimate(elevation, variance, submap.looks)
-            laid = self.lay(drawing, submap.anchor)
+            laid = self.lay(drawing, submap.anchor, with_covariance=with_anchors)
             origins[self.me] = surest(origins.get(self.me, blank(shape)), laid)
         return fuse_origins([origins[o] for o in sorted(origins)], shape)
 
-    def lay(self, drawing: Estimate, anchor: Anchor) -> Estimate:
+    def lay(self, drawing: Estimate, anchor: Anchor, *, with_covariance: bool = True) -> Estimate:
         """Lay a submap by its anchor: move it to the corrected pose and add its covariance."""
         frame = self.grid.frame
         if anchor.is_moved:
             drawing = moved(drawing, anchor, frame)
+        if not with_covariance:
+            return drawing
         variance = drawing.variance_m2 + anchor.cell_variance(
             frame, slope_of(drawing.elevation_m, frame.cell_m)
         )
@@ -244,12 +258,12 @@ class TeamMap:
 def moved(drawing: Estimate, anchor: Anchor, frame: GridFrame) -> Estimate:
     """Resample a submap at its corrected pose: each cell takes the nearest drawn cell's value."""
     rows, cols = np.indices(frame.shape)
-    centres = np.column_stack(
+    centres: Floats = np.column_stack(
         (
             frame.x_m + (cols.ravel() + 0.5) * frame.cell_m,
             frame.y_m + (rows.ravel() + 0.5) * frame.cell_m,
         )
-    )
+    ).astype(np.float64)
     source = frame.cells_of(drawn_at(anchor, centres))
     inside = (
         (source[:, 0] >= 0)

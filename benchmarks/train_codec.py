@@ -2,11 +2,12 @@
 
     python benchmarks/train_codec.py [comms/prior_data.py]
 
-The ground is synthetic: fractal surfaces of many roughnesses with rocks, craters, slopes and cliffs,
-seen from random places with the shadows that obstacles throw, with and without noise. A new file is
+The ground is synthetic: fractal surfaces of many roughnesses with rocks, craters, slopes and
+cliffs, seen from random places with the shadows that obstacles throw, with and without noise. A new file is
 a new format: robots with different files do not understand one another.
 """
 
+import itertools
 import math
 import sys
 import textwrap
@@ -21,7 +22,6 @@ from comms.gridcode import block_max
 from comms.logistic import Opinions
 from comms.maskcode import KINDS, LEARNED_SLOTS, code_mask, mask_opinions
 from comms.predict import TAP_SETS, TAPS
-from comms.pyramid import PROFILES
 from comms.rangecoder import encoder
 from comms.scales import bound_for
 
@@ -68,7 +68,7 @@ def rocks(rng: Rng) -> Floats:
     k = rng.uniform(0.02, 0.25)
     q = 1.79 + 0.152 / k
     z = np.zeros((SIDE, SIDE))
-    for low, high in zip(*(lambda e: (e[:-1], e[1:]))(np.geomspace(0.15, 3, 30)), strict=True):
+    for low, high in itertools.pairwise(np.geomspace(0.15, 3, 30)):
         covered = k * (math.exp(-q * low) - math.exp(-q * high)) * (SIDE * CELL_M) ** 2
         for _ in range(rng.poisson(covered / (math.pi * (low + high) ** 2 / 16))):
             dx, dy = distances(rng)

@@ -24,8 +24,8 @@ from comms.scales import (
 from comms.sigmacode import (
     code_of,
     code_sigma_blocks,
-    sigma_opinions,
     sigma_of,
+    sigma_opinions,
 )
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ def check_grid(elevation_m: NDArray[np.floating], known: Bools, max_error_m: flo
     """Return the elevations as float64, or say what is wrong with the arguments."""
     if elevation_m.ndim != 2 or elevation_m.shape != known.shape:
         raise CodecError(f"elevation {elevation_m.shape} and mask {known.shape} must be one grid")
-    if not (1 <= min(elevation_m.shape) and max(elevation_m.shape) <= LARGEST_SIDE):
+    if not (min(elevation_m.shape) >= 1 and max(elevation_m.shape) <= LARGEST_SIDE):
         raise CodecError(f"a grid of {elevation_m.shape} cells is outside 1x1..4096x4096")
     if not 1e-30 <= max_error_m <= 1e30:
         raise CodecError(f"an error bound of {max_error_m} m is outside 1e-30..1e30 m")

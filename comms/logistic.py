@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comms.kernels import kernel
+from comms.parts import part, whole
 from comms.rangecoder import Coder, Words, code_bit
 
 Models = NDArray[np.uint32]
@@ -71,28 +71,28 @@ def fresh_models(size: int) -> Models:
     return np.full(size, 1 << (21 + COUNT_BITS), np.uint32)
 
 
-@kernel
+@part
 def code_mixed(coder: Coder, opinions: Opinions, chosen: int, limit: int, bit: int) -> int:
     """Code one bit with the models at `opinions.slots`, mixed by one set of weights, and learn it.
 
     Models settle at a rate of 1 / `limit`.
     """
     models, weights, slots, odds = opinions
-    total = np.int64(0)
+    total = whole(0)
     for k in range(slots.size):
-        odds[k] = _STRETCH[np.int64(models[slots[k]]) >> (COUNT_BITS + 10)]
+        odds[k] = _STRETCH[whole(models[slots[k]]) >> (COUNT_BITS + 10)]
         total += weights[chosen, k] * odds[k]
     total = min(max((total + 32768) >> 16, -WIDEST), WIDEST)
-    chance = min(max(np.int64(_SQUASH[total + WIDEST]), LEAST_CHANCE), 65536 - LEAST_CHANCE)
+    chance = min(max(whole(_SQUASH[total + WIDEST]), LEAST_CHANCE), 65536 - LEAST_CHANCE)
     bit = code_bit(coder, chance, bit)
     surprise = (65536 if bit else 0) - chance
     target = (1 << 22) - 1 if bit else 0
     for k in range(slots.size):
         push = odds[k] * surprise
         weights[chosen, k] += (push + (1 << (_LEARNING_SHIFT - 1))) >> _LEARNING_SHIFT
-        model = np.int64(models[slots[k]])
+        model = whole(models[slots[k]])
         count = model & COUNT_MASK
         probability = model >> COUNT_BITS
-        probability += ((target - probability) * np.int64(_RECIPROCAL[count])) >> 16
+        probability += ((target - probability) * whole(_RECIPROCAL[count])) >> 16
         models[slots[k]] = (probability << COUNT_BITS) | min(count + 1, limit)
     return bit

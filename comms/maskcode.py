@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from comms.kernels import kernel, warmer
 from comms.logistic import Opinions, code_mixed
+from comms.parts import part, whole
 from comms.priors import opinions
 from comms.rangecoder import Coder, decoder, encoder, has_run_out
 
 Flags = NDArray[np.uint8]
 
 KINDS = ("whole", "rest", "lattice", "blocks")
-"""Masks that start from different priors: a whole grid's, what a tile's first levels left open, that
-of a coarse lattice, and which blocks a level tells."""
+"""Masks that start from different priors: a whole grid's, what a tile's first levels left open,
+that of a coarse lattice, and which blocks a level tells."""
 _TEMPLATE = np.array(
     [
         [0, -1],
@@ -53,24 +54,24 @@ def mask_opinions(kind: str) -> Opinions:
     return opinions(kind, _SLOTS, 1 << _NEAR, _INPUTS)
 
 
-@kernel
+@part
 def _template(mask: Flags, i: int, j: int) -> int:
     width = mask.shape[1]
-    bits = np.int64(0)
+    bits = whole(0)
     for k in range(_TEMPLATE.shape[0]):
         a, b = i + _TEMPLATE[k, 0], j + _TEMPLATE[k, 1]
         if a >= 0 and 0 <= b < width and mask[a, b]:
-            bits |= np.int64(1) << k
+            bits |= whole(1) << k
     return bits
 
 
-@kernel
+@part
 def _ahead(settled: Flags, mask: Flags, i: int, j: int) -> int:
-    """Return what is known of a cell that comes later: 0 nothing, 1 that it is 0, 2 that it is 1."""
+    """Return what is known of a later cell: 0 nothing, 1 that it is 0, 2 that it is 1."""
     h, w = mask.shape
     if i >= h or j >= w or not settled[i, j]:
-        return np.int64(0)
-    return 1 + np.int64(mask[i, j])
+        return whole(0)
+    return 1 + whole(mask[i, j])
 
 
 @kernel
@@ -91,7 +92,7 @@ def code_mask(coder: Coder, mixed: Opinions, settled: Flags, mask: Flags) -> Non
             slots[1] = _STARTS[1] + (template & 63)
             slots[2] = _STARTS[2] + (template & 1023)
             slots[3] = _STARTS[3] + template
-            mask[i, j] = code_mixed(coder, mixed, near, _LIMIT, np.int64(mask[i, j]))
+            mask[i, j] = code_mixed(coder, mixed, near, _LIMIT, whole(mask[i, j]))
 
 
 @warmer

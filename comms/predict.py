@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comms.kernels import kernel
+from comms.parts import part, whole
 from comms.rangecoder import Words
 
 Units = NDArray[np.int64]
@@ -51,25 +51,25 @@ STAGES = np.array(
     ],
     np.int64,
 )
-"""By stage, (row, column) in spacings: the two lines; four cells coded before in the same stage; the
-two halves of the ring around, to be mirrored in both axes. The first line is through the cells of
-the coarser lattice."""
+"""By stage, (row, column) in spacings: the two lines; four cells coded before in the same stage;
+the two halves of the ring around, to be mirrored in both axes. The first line is through the cells
+of the coarser lattice."""
 
 TAPS = 7
 TAP_SETS = 6
 _LEARNING_SHIFT = 5
 
 
-@kernel
+@part
 def _peek(cells: Cells, i: int, j: int) -> tuple[int, int]:
     """Return a cell's value and how well it is known: 0 outside, 1 estimated, 2 coded."""
     h, w = cells.x.shape
     if i < 0 or j < 0 or i >= h or j >= w:
-        return np.int64(0), np.int64(0)
-    return cells.x[i, j], 1 + np.int64(cells.coded[i, j])
+        return whole(0), whole(0)
+    return cells.x[i, j], 1 + whole(cells.coded[i, j])
 
 
-@kernel
+@part
 def _line(cells: Cells, i: int, j: int, di: int, dj: int) -> tuple[int, int]:
     """Interpolate at (i, j) along (di, dj): twice the value, and how far to trust it (0..8)."""
     a, knows_a = _peek(cells, i - di, j - dj)
@@ -87,34 +87,34 @@ def _line(cells: Cells, i: int, j: int, di: int, dj: int) -> tuple[int, int]:
     return 2 * b, max(2 * knows_b - 1, 0)
 
 
-@kernel
+@part
 def interpolate(cells: Cells, place: Place) -> tuple[int, int, int]:
     """Return the interpolated value, twice how far the lines disagree, and the trust (0..16)."""
     stage, s = STAGES[place.stage], place.spacing
     p, n = _line(cells, place.i, place.j, stage[0, 0] * s, stage[0, 1] * s)
     q, m = _line(cells, place.i, place.j, stage[1, 0] * s, stage[1, 1] * s)
     if n == 0 and m == 0:
-        return np.int64(0), np.int64(0), np.int64(0)
+        return whole(0), whole(0), whole(0)
     if n == 0 or m == 0:
-        return (p + q) >> 1, np.int64(0), n + m
+        return (p + q) >> 1, whole(0), n + m
     if n == m:
         return (p + q + 2) >> 2, p - q, n + m
     return (n * p + m * q + n + m) // (2 * (n + m)), p - q, n + m
 
 
-@kernel
+@part
 def _error(errors: NDArray[np.int32], i: int, j: int) -> int:
     if i < 0 or j < 0 or j >= errors.shape[1]:
-        return np.int64(0)
-    return np.int64(errors[i, j])
+        return whole(0)
+    return whole(errors[i, j])
 
 
-@kernel
+@part
 def _ring(x: Units, i: int, j: int, di: int, dj: int) -> int:
     return x[i - di, j - dj] + x[i - di, j + dj] + x[i + di, j - dj] + x[i + di, j + dj]
 
 
-@kernel
+@part
 def adjustment(
     cells: Cells, place: Place, taps: Words, inputs: Words, spread: int, step: int
 ) -> int:
@@ -132,25 +132,25 @@ def adjustment(
         for k in range(2):
             di, dj = stage[6 + k, 0] * s, stage[6 + k, 1] * s
             inputs[5 + k] = (_ring(cells.x, i, j, di, dj) - middle) >> 2
-    moved = np.int64(32768)
+    moved = whole(32768)
     for k in range(TAPS):
         inputs[k] = min(max(inputs[k], -limit), limit)
         moved += taps[k] * inputs[k]
-    return min(max(moved >> 16, -limit), limit)
+    return whole(min(max(moved >> 16, -limit), limit))
 
 
-@kernel
+@part
 def _ends(x: Units, place: Place) -> int:
     """Return the sum of the four nearest."""
     stage, i, j, s = STAGES[place.stage], place.i, place.j, place.spacing
-    total = np.int64(0)
+    total = whole(0)
     for k in range(2):
         di, dj = stage[k, 0] * s, stage[k, 1] * s
         total += x[i - di, j - dj] + x[i + di, j + dj]
     return total
 
 
-@kernel
+@part
 def learn(taps: Words, inputs: Words, r: int, step: int) -> None:
     """Move the filter's weights towards what would have predicted `r` steps more."""
     norm = 4 * step * step

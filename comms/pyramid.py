@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from comms.kernels import kernel, warmer
 from comms.logistic import Opinions
+from comms.parts import part, whole
 from comms.predict import STAGES, TAP_SETS, TAPS, Cells, Place, adjustment, interpolate, learn
 from comms.priors import taps
 from comms.rangecoder import DECODING, Coder, Words, decoder, encoder, has_run_out
@@ -43,7 +44,7 @@ PROFILES = np.array(
 )
 """Steps in units at the spacings 1, 2, 4 ...: finer ones far apart make better predictions near by,
 which pays where the bound is wide."""
-_FAR = np.int64(1) << 46
+_FAR = whole(1) << 46
 _DIAGONAL, _ODD_ROW, _EVEN_ROW = 0, 1, 2
 
 
@@ -80,7 +81,7 @@ class Pyramid:
         )
 
     def painted(self) -> Units:
-        """Return elevations (H, W) in units as a receiver sees them: interpolated where not coded."""
+        """Return elevations (H, W) in units as a receiver sees them, interpolated if not coded."""
         cells = self.cells._replace(x=self.cells.x.copy(), errors=self.cells.errors.copy())
         replace(self, cells=cells).code(encoder(0), np.zeros(cells.x.shape, np.uint8), None)
         return cells.x
@@ -91,7 +92,7 @@ def top_spacing(rows: int, cols: int) -> int:
     return 1 << (max(rows, cols) - 1).bit_length()
 
 
-@kernel
+@part
 def _around(cells: Cells, place: Place, spread: int, moved: int, trust: int, step: int) -> Around:
     """Return what surrounds a cell, relative to its step."""
     per_step = (1 << 24) // step
@@ -117,15 +118,15 @@ def _around(cells: Cells, place: Place, spread: int, moved: int, trust: int, ste
     )
 
 
-@kernel
+@part
 def _residual(residuals: NDArray[np.int8], i: int, j: int) -> int:
     h, w = residuals.shape
     if i < 0 or j < 0 or i >= h or j >= w:
-        return np.int64(0)
-    return np.int64(residuals[i, j])
+        return whole(0)
+    return whole(residuals[i, j])
 
 
-@kernel
+@part
 def _row(
     coder: Coder,
     mixed: Opinions,
@@ -153,10 +154,10 @@ def _row(
         place = Place(i, j, s, stage, level)
         guess, spread, trust = interpolate(cells, place)
         spread = min(max(spread, -64 * step), 64 * step)
-        moved = np.int64(0)
+        moved = whole(0)
         if trust == 16:
             moved = adjustment(cells, place, set_of_taps, inputs, spread, step)
-        p, r = guess + moved, np.int64(0)
+        p, r = guess + moved, whole(0)
         if want[i, j]:
             group = look(_around(cells, place, spread, moved, trust, step), contexts)
             if snaps:
@@ -193,12 +194,12 @@ def sweep(
     """
     contexts = np.zeros(mixed.slots.size, np.int64)
     inputs = np.zeros(TAPS, np.int64)
-    level = np.int64(0)
-    while np.int64(1) << level < top:
+    level = whole(0)
+    while whole(1) << level < top:
         level += 1
-    s, diagonal = np.int64(top), False
+    s, diagonal = whole(top), False
     while s >= bottom:
-        first = s if diagonal else np.int64(0)
+        first = s if diagonal else whole(0)
         for i in range(first, cells.x.shape[0], 2 * s if diagonal else s):
             if has_run_out(coder):
                 return
@@ -207,7 +208,7 @@ def sweep(
             if stage == _EVEN_ROW:
                 start = s
             if s == top:
-                start, stride = np.int64(0), s
+                start, stride = whole(0), s
             _row(
                 coder,
                 mixed,

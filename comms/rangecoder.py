@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comms.kernels import kernel, warmer
+from comms.parts import part, whole
 
 Words = NDArray[np.int64]
 Bytes = NDArray[np.uint8]
@@ -56,7 +57,7 @@ def decoder(data: bytes) -> Coder:
     return Coder(state, np.frombuffer(data or b"\0", np.uint8).copy())
 
 
-@kernel
+@part
 def code_bit(coder: Coder, chance: int, bit: int) -> int:
     """Code one bit that is 1 with probability chance / 65536 (0 < chance < 65536)."""
     state = coder.state
@@ -78,17 +79,17 @@ def code_bit(coder: Coder, chance: int, bit: int) -> int:
     return bit
 
 
-@kernel
+@part
 def _read_byte(coder: Coder) -> None:
     state = coder.state
     at = state[POSITION]
-    byte = np.int64(coder.buffer[at]) if at < state[LENGTH] else np.int64(0)
+    byte = whole(coder.buffer[at]) if at < state[LENGTH] else whole(0)
     state[OFFSET] = (state[OFFSET] << 8) | byte
     state[LOW] = 0
     state[POSITION] = at + 1
 
 
-@kernel
+@part
 def _write_byte(coder: Coder) -> None:
     state, buffer = coder.state, coder.buffer
     at = state[POSITION]
@@ -108,13 +109,13 @@ def _write_byte(coder: Coder) -> None:
 @kernel
 def code_even_bits(coder: Coder, count: int, value: int) -> int:
     """Code an integer of `count` bits, all values equally likely, highest bit first."""
-    out = np.int64(0)
+    out = whole(0)
     for k in range(count - 1, -1, -1):
         out = (out << 1) | code_bit(coder, _EVEN, (value >> k) & 1)
     return out
 
 
-@kernel
+@part
 def has_run_out(coder: Coder) -> bool:
     """Say whether a decoder has gone on for long after the end of its bytes."""
     state = coder.state

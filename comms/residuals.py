@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from comms.kernels import kernel
 from comms.logistic import Opinions, code_mixed
+from comms.parts import part, whole
 from comms.priors import opinions
 from comms.rangecoder import Coder, Words, code_bit, code_even_bits
 
@@ -56,18 +56,18 @@ def residual_opinions() -> Opinions:
     return opinions("residuals", SLOTS, _GROUPS * DECISIONS, _INPUTS)
 
 
-@kernel
+@part
 def _sign(value: int) -> int:
     return 1 + (1 if value > 0 else 0) - (1 if value < 0 else 0)
 
 
-@kernel
+@part
 def look(around: Around, contexts: Words) -> int:
     """Write the first slot of each opinion to `contexts`; return the group of mixing weights."""
     a, b, c, d = around.causal
-    energy = np.int64(_OF_ENERGY[around.lines + around.near])
-    lines = np.int64(_OF_SIZE[around.lines])
-    near = np.int64(_OF_SIZE[around.near])
+    energy = whole(_OF_ENERGY[around.lines + around.near])
+    lines = whole(_OF_SIZE[around.lines])
+    near = whole(_OF_SIZE[around.near])
     far = min(abs(a) + abs(b) + abs(c) + abs(d), 5)
     signs = ((_sign(a) * 3 + _sign(b)) * 3 + _sign(c)) * 3 + _sign(d)
     contexts[0] = energy
@@ -81,7 +81,7 @@ def look(around: Around, contexts: Words) -> int:
     return energy >> 1
 
 
-@kernel
+@part
 def _decide(
     coder: Coder, mixed: Opinions, contexts: Words, group: int, decision: int, bit: int
 ) -> int:
@@ -90,13 +90,13 @@ def _decide(
     return code_mixed(coder, mixed, group * DECISIONS + decision, _LIMIT, bit)
 
 
-@kernel
+@part
 def code_residual(coder: Coder, mixed: Opinions, contexts: Words, group: int, r: int) -> int:
     """Code a whole number of steps: zero or not, its sign, then its size."""
     if _decide(coder, mixed, contexts, group, 0, 1 if r == 0 else 0):
-        return np.int64(0)
+        return whole(0)
     positive = _decide(coder, mixed, contexts, group, 1, 1 if r > 0 else 0)
-    size, k = abs(r), np.int64(1)
+    size, k = abs(r), whole(1)
     while k < _UNARY:
         decision = min(k + 1, DECISIONS - 1)
         if not _decide(coder, mixed, contexts, group, decision, 1 if size > k else 0):
@@ -107,14 +107,14 @@ def code_residual(coder: Coder, mixed: Opinions, contexts: Words, group: int, r:
     return k if positive else -k
 
 
-@kernel
+@part
 def code_size(coder: Coder, value: int) -> int:
     """Code an integer >= 0 of unknown size, its length in unary; hostile bytes end at 2^41."""
-    length = np.int64(0)
-    while length < _LARGEST_EXPONENT and value + 1 >= np.int64(1) << (length + 1):
+    length = whole(0)
+    while length < _LARGEST_EXPONENT and value + 1 >= whole(1) << (length + 1):
         length += 1
-    k = np.int64(0)
+    k = whole(0)
     while k < _LARGEST_EXPONENT and code_bit(coder, 52000, 1 if k < length else 0):
         k += 1
-    least = np.int64(1) << k
+    least = whole(1) << k
     return least - 1 + code_even_bits(coder, k, value + 1 - least)

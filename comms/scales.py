@@ -1,8 +1,8 @@
 """How elevations become whole numbers, and how a payload says so in a few bits.
 
-A scale turns metres into units and back. A bounded scale has `STEP_UNITS` units to one step of twice
-the error bound; an exact one has steps on which all values of the grid lie already (a terrain model
-in whole metres, or values so large that float32 has no finer ones).
+A scale turns metres into units and back. A bounded scale has `STEP_UNITS` units to one step of
+twice the error bound; an exact one has steps on which all values of the grid lie already (a terrain
+model in whole metres, or values so large that float32 has no finer ones).
 """
 
 import math

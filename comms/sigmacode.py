@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from comms.errors import CodecError
 from comms.kernels import kernel, warmer
 from comms.logistic import Opinions, code_mixed
+from comms.parts import part, whole
 from comms.priors import opinions
 from comms.rangecoder import Coder, Words, decoder, encoder, has_run_out
 
@@ -64,20 +65,20 @@ def code_of(sigma_m: NDArray[np.float64], known: NDArray[np.bool_]) -> Codes:
     return codes
 
 
-@kernel
+@part
 def _decide(coder: Coder, mixed: Opinions, contexts: Words, decision: int, bit: int) -> int:
     for k in range(_INPUTS):
         mixed.slots[k] = contexts[k] + decision
     return code_mixed(coder, mixed, decision, _LIMIT, bit)
 
 
-@kernel
+@part
 def _code_step(coder: Coder, mixed: Opinions, contexts: Words, step: int) -> int:
     """Code how far a code lies off its guess."""
     if _decide(coder, mixed, contexts, 0, 1 if step == 0 else 0):
-        return np.int64(0)
+        return whole(0)
     up = _decide(coder, mixed, contexts, 1, 1 if step > 0 else 0)
-    size, k = abs(step), np.int64(1)
+    size, k = abs(step), whole(1)
     while k < _UNARY:
         decision = min(k + 1, _DECISIONS - 1)
         if not _decide(coder, mixed, contexts, decision, 1 if size > k else 0):
@@ -86,12 +87,12 @@ def _code_step(coder: Coder, mixed: Opinions, contexts: Words, step: int) -> int
     return k if up else -k
 
 
-@kernel
+@part
 def _clip(value: int, limit: int) -> int:
     return min(max(value, -limit), limit)
 
 
-@kernel
+@part
 def _guess(
     done: Flags, moved: Flags, codes: Codes, i: int, j: int, last: int, contexts: Words
 ) -> int:
@@ -102,8 +103,8 @@ def _guess(
     west = west if has_west else north
     corner = codes[i - 1, j - 1] if i > 0 and j > 0 and done[i - 1, j - 1] > 0 else north
     turn = 5 * (_clip(west - corner, 2) + 2) + _clip(north - corner, 2) + 2
-    moves = 3 * (1 + np.int64(moved[i, j - 1]) if has_west else 0)
-    moves += 1 + np.int64(moved[i - 1, j]) if has_north else 0
+    moves = 3 * (1 + whole(moved[i, j - 1]) if has_west else 0)
+    moves += 1 + whole(moved[i - 1, j]) if has_north else 0
     contexts[0] = _STARTS[0] + _DECISIONS * turn
     contexts[1] = _STARTS[1] + _DECISIONS * moves
     contexts[2] = _STARTS[2]
@@ -122,7 +123,7 @@ def code_sigma_blocks(
     rows, cols = want.shape
     contexts = np.zeros(_INPUTS, np.int64)
     moved = np.zeros((rows, cols), np.uint8)
-    last = np.int64(_FIRST_GUESS)
+    last = whole(_FIRST_GUESS)
     for i in range(rows):
         if has_run_out(coder):
             return

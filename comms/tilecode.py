@@ -3,7 +3,8 @@
 Level by level the lattice of sent cells gets finer; the cells between are interpolated. A level
 calls known the blocks of cells that are wholly measured and whose interpolation, at this level and
 at every later one, is within the level's bound; the encoder picks the bound that tells most. At the
-last level all known cells are sent, within the error bound that was asked for, under the exact mask.
+last level all known cells are sent, within the error bound that was asked for, under the exact
+mask.
 
 The first levels send the mask on their lattice only; the one before the last sends all of it.
 """
@@ -31,8 +32,8 @@ from comms.scales import (
 from comms.sigmacode import (
     code_of,
     code_sigma_blocks,
-    sigma_opinions,
     sigma_of,
+    sigma_opinions,
 )
 
 Floats = NDArray[np.float64]

@@ -311,6 +311,10 @@ class Host:
         assert pose is not None
         return pose
 
+    def _is_moving(self, t_ns: int) -> bool:
+        way = self.motions.current(self.name, t_ns)
+        return way is not None and way.end_ns > t_ns and way.start != way.end
+
     def weigh(self, t_ns: int) -> None:
         """Write down what the robot knows now, and how right it is."""
         team = self.robot.team
@@ -322,7 +326,8 @@ class Host:
         bits, error_m = self._map_score
         own, known = self.robot.own.known_cells(), team.known_entries()
         self.notebook.add(MapRow(to_s(t_ns), self.name, own, known, bits, error_m), t_ns)
-        self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
+        if not self._is_moving(t_ns):  # a drive is measured when it is done
+            self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
         self.status = {
             "t_s": to_s(t_ns),
             "activity": self.robot.activity,

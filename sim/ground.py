@@ -104,18 +104,21 @@ def _offsets(length_cells: float) -> list[tuple[int, int]]:
     return [(0, straight), (straight, 0), (slanted, slanted), (slanted, -slanted)]
 
 
-def hazard_mask(terrain: Terrain, wheel_m: float, footprint_m: float) -> Bools:
+def hazard_mask(
+    terrain: Terrain, wheel_m: float, footprint_m: float, climb_m: float | None = None
+) -> Bools:
     """Say which cells hold what a wheel must not meet: rocks and steps, not a smooth steep face.
 
-    A cell is a rock where it stands more than half a wheel above the straight line between the
+    Too high is what is higher than `climb_m`, half a wheel if that is left out.
+    A cell is a rock where it stands too high above the straight line between the
     ground on both its sides in *every* one of four directions, at the distance of a wheel or of
     half a footprint (a lip or a crest stands out in some directions only). It is a
-    step where the ground, over one wheel, rises by more than half a wheel beyond what its mean
+    step where the ground, over one wheel, rises too high beyond what its mean
     slope over the footprint explains. Unknown cells are none. Shape (rows, cols), row 0 south.
     """
     full = filled(terrain.elevation_m)
     cell = terrain.frame.cell_m
-    limit = wheel_m / 2
+    limit = wheel_m / 2 if climb_m is None else climb_m
     hazard = np.zeros(full.shape, dtype=np.bool_)
     for length in (wheel_m, footprint_m / 2):
         stands_out = np.full(full.shape, np.inf)
@@ -143,7 +146,13 @@ def _steps(full_m: Floats, cell_m: float, wheel_m: float, footprint_m: float) ->
 class Footing:
     """What the ground offers to a robot of one size, at every cell; computed once per robot."""
 
-    def __init__(self, terrain: Terrain, footprint_m: float, wheel_m: float) -> None:
+    def __init__(
+        self,
+        terrain: Terrain,
+        footprint_m: float,
+        wheel_m: float,
+        climb_m: float | None = None,
+    ) -> None:
         """Fit the footprint's plane everywhere and find what its circle would touch."""
         self.frame = terrain.frame
         self.footprint_m = footprint_m
@@ -154,7 +163,7 @@ class Footing:
         )
         self.slope_deg: Floats = np.degrees(np.arctan(np.hypot(self.east_slope, self.north_slope)))
         """(rows, cols) slope of the plane under the footprint."""
-        self.hazard = hazard_mask(terrain, wheel_m, footprint_m)
+        self.hazard = hazard_mask(terrain, wheel_m, footprint_m, climb_m)
         """(rows, cols) rocks and steps (see `hazard_mask`)."""
         radius = footprint_m / 2 / cell
         self.contact = dilated(self.hazard, radius)

@@ -68,7 +68,7 @@ class RoverBody:
         """
         self.name = name
         self.hazards_hit = 0
-        self.footing = Footing(terrain, drive.footprint_m, drive.wheel_m)
+        self.footing = Footing(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
         self._drive = drive
         self._publish = publish
         self._rng = rng

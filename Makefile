@@ -1,0 +1,85 @@
+# What a newcomer types. Each target sets up what it needs in .venv, once, and again only after
+# pyproject.toml or constraints.txt has changed. Nothing but Python 3.11 or later is needed before.
+
+VENV := .venv
+BIN := $(VENV)/bin
+JOBS ?= 2
+OUT ?= runs/demo
+ARGS ?=
+
+SETTINGS := pyproject.toml constraints.txt
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --quiet
+
+.DEFAULT_GOAL := help
+.PHONY: help demo setup test test-all lint format scenario-keys readme-picture clean
+
+help:
+	@echo "make demo      four robots map a cliff over thin radios; ends with a picture of it"
+	@echo "make test      the tests, without the slow ones"
+	@echo "make test-all  all tests"
+	@echo "make lint      ruff, pyright (strict), and the import contract of the four rooms"
+	@echo "make setup     only set up $(VENV), with $(BIN)/ropeteam in it"
+	@echo "make clean     remove $(VENV) and what tools left behind; runs/ stays"
+
+demo: $(VENV)/run.stamp
+	@$(BIN)/ropeteam run cliff --out "$(OUT)" --overwrite $(ARGS)
+	@echo "Picture: $(OUT)/overview.png"
+
+setup: $(VENV)/run.stamp
+	@echo "Ready: $(BIN)/ropeteam --help"
+
+# Kernels are compiled before the tests start, or each worker would compile them for itself.
+test: $(VENV)/test.stamp
+	@$(BIN)/python -m scenarios.preload
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" $(ARGS)
+
+test-all: $(VENV)/test.stamp
+	@$(BIN)/python -m scenarios.preload
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
+
+lint: $(VENV)/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+	$(BIN)/lint-imports
+
+format: $(VENV)/dev.stamp
+	$(BIN)/ruff check --fix-only .
+	$(BIN)/ruff format .
+
+# Writes the tables of docs/scenarios.md anew from the settings themselves.
+scenario-keys: $(VENV)/run.stamp
+	$(BIN)/python docs/scenario_keys.py
+
+# The picture in the README is the demo's, in 256 colours.
+readme-picture: demo
+	$(BIN)/python -c "from PIL import Image; \
+	    Image.open('$(OUT)/overview.png').convert('RGB').quantize(256).save('docs/images/cliff.png', optimize=True)"
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+
+# --- setting up -----------------------------------------------------------------------------------
+
+$(VENV)/run.stamp: EXTRAS :=
+$(VENV)/test.stamp: EXTRAS := [test]
+$(VENV)/dev.stamp: EXTRAS := [test,dev]
+
+# The build tool is pinned like all else, hence no build isolation.
+$(VENV)/%.stamp: $(SETTINGS)
+	@echo "Setting up $(VENV) (under a minute, once) ..."
+	@$(FIND_PYTHON); $(BIN)/python -m pip --version >/dev/null 2>&1 || "$$found" -m venv $(VENV)
+	@$(PIP) -c constraints.txt setuptools
+	@$(PIP) -c constraints.txt --no-build-isolation -e ".$(EXTRAS)"
+	@touch $@
+
+# Prints nothing where it finds one; the first of these that is new enough counts.
+PYTHON ?= python3 python3.11 python3.12 python3.13
+define FIND_PYTHON
+found=""; for p in $(PYTHON); do \
+	if "$$p" -c 'import sys; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; \
+	then found="$$p"; break; fi; done; \
+if [ -z "$$found" ]; then \
+	echo "ropeteam needs Python 3.11 or later; tried: $(PYTHON). Name one: make PYTHON=/path/to/python" >&2; \
+	exit 1; fi
+endef

@@ -1,0 +1,106 @@
+"""Small maps and robots' minds without radio or clock, for the laws of layers, stores and sharing."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from agents.geometry import Floats, GridFrame, Pose
+from agents.layers import LookCells, OwnLayer, Submap
+from agents.settings import MapSettings, SharingSettings
+from agents.sharing import Sharing
+from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
+from agents.teammap import TeamMap, TileGrid
+from comms.codec import encode_tile
+
+FRAME = GridFrame(10.0, -4.0, 0.5, 20, 24)
+GRID = TileGrid(FRAME, 16)
+"""Two by two tiles, those at the north and east edge cut."""
+MAX_ERROR_M = 0.05
+SURE = np.diag([1e-6, 1e-6, 1e-6, 1e-8])
+START = Pose(16.0, 1.0, 0.0, 0.3)
+
+
+def truth_m() -> Floats:
+    rows, cols = np.indices(FRAME.shape)
+    return 0.2 * np.sin(rows / 3.0) + 0.1 * cols
+
+
+def look(rng: np.random.Generator, sigma_m: float | None = None) -> LookCells:
+    """Measure a random rectangle of the truth, with holes, each cell as surely as luck has it."""
+    height, width = rng.integers(3, 14, 2)
+    row, col = rng.integers(0, FRAME.rows - 3), rng.integers(0, FRAME.cols - 3)
+    seen = np.zeros(FRAME.shape, dtype=bool)
+    seen[row : row + height, col : col + width] = True
+    seen &= rng.random(FRAME.shape) < 0.9
+    rows, cols = np.nonzero(seen)
+    sigma = np.full(rows.size, sigma_m) if sigma_m else rng.uniform(0.01, 0.3, rows.size)
+    noise = rng.normal(size=rows.size) * sigma
+    return LookCells(rows, cols, truth_m()[rows, cols] + noise, sigma**2)
+
+
+def layer(rng: np.random.Generator, looks: int = 3, submaps: int = 1) -> OwnLayer:
+    own = OwnLayer(FRAME)
+    for index in range(submaps):
+        turned = Pose(START.x_m + index, START.y_m, START.z_m, START.yaw_rad)
+        own.begin_submap(turned, SURE * (1 + 10 * index))
+        for _ in range(looks):
+            own.submaps[-1].observe(look(rng))
+    return own
+
+
+def payload_of(submap: Submap, tile: int) -> bytes:
+    elevation, variance = submap.estimate(GRID.window(tile))
+    known = np.isfinite(variance)
+    sigma = np.sqrt(np.where(known, variance, 0.0))
+    return encode_tile(elevation, known, sigma, MAX_ERROR_M).data
+
+
+def chunks_of(own: OwnLayer, origin: Origin, version: int = 1) -> list[Chunk]:
+    """Publish a whole layer."""
+    chunks: list[Chunk] = []
+    for index, submap in enumerate(own.submaps):
+        for tile in GRID.touched(submap.known):
+            data = payload_of(submap, tile)
+            chunks.append(Chunk(TileKey(*origin, index, tile), version, len(data), 0, data))
+    return chunks
+
+
+def cut(chunk: Chunk, size: int) -> list[Chunk]:
+    """Cut a whole chunk in pieces of a size, in order."""
+    return [
+        Chunk(chunk.key, chunk.version, chunk.total, at, chunk.data[at : at + size])
+        for at in range(0, chunk.total, size)
+    ]
+
+
+def team_map(me: Origin, own: OwnLayer | None = None, store: Store | None = None) -> TeamMap:
+    return TeamMap(GRID, store or Store(), own or OwnLayer(FRAME), me, MAX_ERROR_M)
+
+
+def hear(team: TeamMap, chunks: Iterable[Chunk]) -> None:
+    for chunk in chunks:
+        if team.store.offer(chunk):
+            team.tile_changed(chunk.key)
+
+
+def hear_anchors(team: TeamMap, own: OwnLayer, origin: Origin) -> None:
+    for index, submap in enumerate(own.submaps):
+        if team.store.offer_anchor(AnchorKey(*origin, index), submap.anchor):
+            team.own_changed()
+
+
+def sharing(
+    team: TeamMap,
+    team_size: int,
+    journal: list[Chunk] | None = None,
+    settings: SharingSettings | None = None,
+) -> Sharing:
+    kept: list[Chunk] = [] if journal is None else journal
+    return Sharing(
+        settings or SharingSettings(),
+        MapSettings(cell_m=FRAME.cell_m, tile_cells=16, max_error_m=MAX_ERROR_M),
+        team.me,
+        team_size,
+        team,
+        kept.append,
+    )
