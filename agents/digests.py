@@ -55,8 +55,8 @@ class Believed:
         for belief in self.tiles.get(key, []):
             if belief.version == version.number:
                 return version.total if belief.prefix_bytes < 0 else belief.prefix_bytes
-            if belief.version > version.number:
-                return version.total
+            if belief.version > version.number and belief.prefix_bytes < 0:
+                return version.total  # it needs no older one any more
         return 0
 
     def bits_of(
@@ -82,30 +82,32 @@ class Believed:
 
 def take_digest(believed: Believed, digest: Digest, now_s: float) -> list[TileKey]:
     """Put right what is believed of a team-mate; return the tiles of which that changed."""
-    said: dict[TileKey, Held] = {}
+    said: dict[TileKey, list[Held]] = {}
     covered: dict[AnchorKey, list[tuple[int, int]]] = {key: [] for key, _ in digest.anchors}
     for section in digest.sections:
         covered[section.key].append((section.first_tile, section.last_tile))
         for held in section.held:
-            said[TileKey(*section.key, held.tile)] = held
-    believed.anchors = {key: version - 1 for key, version in digest.anchors if version > 0}
+            said.setdefault(TileKey(*section.key, held.tile), []).append(held)
+    elsewhere = {k: v for k, v in believed.anchors.items() if not digest.speaks_of(k)}
+    told = {key: version - 1 for key, version in digest.anchors if version > 0}
+    believed.anchors = {**elsewhere, **told}
     changed: list[TileKey] = []
     for key in sorted({*believed.tiles, *said}):
         anchor = AnchorKey(key.robot, key.incarnation, key.submap)
-        spans = covered.get(anchor)
-        if spans is not None and not any(a <= key.tile <= b for a, b in spans):
+        spans = covered.get(anchor, [(0, key.tile)] if digest.speaks_of(anchor) else [])
+        if not any(a <= key.tile <= b for a, b in spans):
             continue  # this frame of the digest does not speak of that tile
-        if _correct(believed, key, said.get(key), now_s):
+        if _correct(believed, key, said.get(key, []), now_s):
             changed.append(key)
     return changed
 
 
-def _correct(believed: Believed, key: TileKey, held: Held | None, now_s: float) -> bool:
+def _correct(believed: Believed, key: TileKey, held: list[Held], now_s: float) -> bool:
     """Replace the belief about one tile by what was said; keep what was sent just now."""
     before = believed.tiles.get(key, [])
-    fresh = [b for b in before if now_s - b.sent_s < GUARD_S]
-    after = [] if held is None else [_Belief(held.version, held.prefix_bytes)]
-    after += [b for b in fresh if held is None or b.version >= held.version]
+    whole = max((h.version for h in held if h.prefix_bytes < 0), default=-1)
+    after = [_Belief(h.version, h.prefix_bytes) for h in held]
+    after += [b for b in before if now_s - b.sent_s < GUARD_S and b.version >= whole]
     merged: dict[int, _Belief] = {}
     for belief in after:
         known = merged.get(belief.version)
@@ -126,10 +128,16 @@ def _reach(belief: _Belief) -> float:
 
 REFRESHED = 12
 """Tiles told again with each digest though nothing changed: a digest that was lost is made good."""
+TILE_SHARE = 1 / 3
+"""So much of a digest is kept for tiles, however many submaps there are to name."""
 
 
 class Teller:
-    """Says what a robot has, a frame at a time: first what is news, and a few old things in turn."""
+    """Says what a robot has, a frame at a time: first what is news, and a few old things in turn.
+
+    A frame names all submaps, or, where they are too many for it, a run of them; of these it tells
+    tiles. What a frame speaks of and does not name is not held, so each frame is of use alone.
+    """
 
     def __init__(self, store: Store, tile_count: int) -> None:
         """Tell of a store whose submaps have so many tiles."""
@@ -137,6 +145,7 @@ class Teller:
         self._tile_count = tile_count
         self._news: set[TileKey] = set(store)
         self._cursor = 0
+        self._submap_cursor = 0
 
     @property
     def has_more(self) -> bool:
@@ -149,22 +158,54 @@ class Teller:
 
     def next_payload(self, payload_bytes: int) -> bytes:
         """Return one digest frame's payload; it is of use alone, and says what it speaks of."""
-        keys = self._store.keys()
-        anchors = sorted({AnchorKey(*key[:3]) for key in keys} | set(self._store.anchors))
-        versions = tuple(
-            (key, self._store.anchors[key].version + 1 if key in self._store.anchors else 0)
-            for key in anchors
-        )
-        told = [i for i, key in enumerate(keys) if key in self._news]
+        all_keys = self._store.keys()
+        submaps = sorted({_submap_of(key) for key in all_keys} | set(self._store.anchors))
+        low, high = self._run_of(submaps, payload_bytes)
+        named, whole = submaps[low:high], (low == 0, high == len(submaps))
+        keys = [key for key in all_keys if _submap_of(key) in named]
+        news = [i for i, key in enumerate(keys) if key in self._news]
         turn = [(self._cursor + i) % len(keys) for i in range(min(REFRESHED, len(keys)))]
-        for size in range(len(told), -1, -max(1, len(told) // 8)):
-            places = sorted({*told[:size], *(turn if size == len(told) else ())})
-            payload = pack_digest(Digest(versions, self._sections(keys, places)))
-            if len(payload) <= payload_bytes:
-                break
+        places = [*news, *(i for i in turn if keys[i] not in self._news)]
+        payload = self._packed(named, whole, keys, places)
+        while len(payload) > payload_bytes and places:
+            places = places[: len(places) * 7 // 8]
+            payload = self._packed(named, whole, keys, places)
         self._news.difference_update(keys[i] for i in places)
         self._cursor = (self._cursor + REFRESHED) % max(1, len(keys))
         return payload
+
+    def _packed(
+        self, named: list[AnchorKey], whole: tuple[bool, bool], keys: list[TileKey], told: list[int]
+    ) -> bytes:
+        drawn = {_submap_of(key) for key in keys}
+        bare = self._bare([key for key in named if key not in drawn])
+        sections = (*bare, *self._sections(keys, sorted(told)))
+        return pack_digest(Digest(self._versions(named), sections, *whole))
+
+    def _run_of(self, submaps: list[AnchorKey], payload_bytes: int) -> tuple[int, int]:
+        """Return which submaps the next frame names: all, if they fit; else some in turn."""
+        room_bytes = (1 - TILE_SHARE) * payload_bytes
+
+        def fits(low: int, high: int) -> bool:
+            run = submaps[low:high]
+            return len(pack_digest(Digest(self._versions(run), self._bare(run)))) <= room_bytes
+
+        if fits(0, len(submaps)):
+            return 0, len(submaps)
+        low = self._submap_cursor if self._submap_cursor < len(submaps) else 0
+        high = low + 1
+        while high < len(submaps) and fits(low, high + 1):
+            high += 1
+        self._submap_cursor = high
+        return low, high
+
+    def _versions(self, named: list[AnchorKey]) -> tuple[tuple[AnchorKey, int], ...]:
+        anchors = self._store.anchors
+        return tuple((key, anchors[key].version + 1 if key in anchors else 0) for key in named)
+
+    def _bare(self, submaps: list[AnchorKey]) -> tuple[Section, ...]:
+        """Return sections for submaps of which there is an anchor and no tile."""
+        return tuple(Section(key, 0, self._tile_count - 1, ()) for key in submaps)
 
     def _sections(self, keys: list[TileKey], places: list[int]) -> tuple[Section, ...]:
         """Return sections for runs of neighbours among the tiles held; gaps say "not held"."""
@@ -178,18 +219,26 @@ class Teller:
 
     def _section(self, keys: list[TileKey], run: list[int]) -> Section:
         first, last = run[0], run[-1]
-        anchor = AnchorKey(*keys[first][:3])
-        opens = first == 0 or AnchorKey(*keys[first - 1][:3]) != anchor
-        closes = last + 1 == len(keys) or AnchorKey(*keys[last + 1][:3]) != anchor
+        anchor = _submap_of(keys[first])
+        opens = first == 0 or _submap_of(keys[first - 1]) != anchor
+        closes = last + 1 == len(keys) or _submap_of(keys[last + 1]) != anchor
         start = 0 if opens else keys[first].tile
         end = self._tile_count - 1 if closes else keys[last + 1].tile - 1
-        return Section(anchor, start, end, tuple(_held(self._store, keys[i]) for i in run))
+        held = tuple(held for i in run for held in _held(self._store, keys[i]))
+        return Section(anchor, start, end, held)
 
 
-def _held(store: Store, key: TileKey) -> Held:
-    version = store.newest(key)
-    assert version is not None
-    return Held(key.tile, version.number, -1 if version.complete else version.prefix_bytes)
+def _submap_of(key: TileKey) -> AnchorKey:
+    return AnchorKey(key.robot, key.incarnation, key.submap)
+
+
+def _held(store: Store, key: TileKey) -> list[Held]:
+    """Return what can be decoded of a tile, oldest version first."""
+    return [
+        Held(key.tile, version.number, -1 if version.complete else version.prefix_bytes)
+        for version in reversed(store.versions(key))
+        if version.prefix_bytes
+    ]
 
 
 class DigestClock:

@@ -7,6 +7,7 @@ is checked while it is read: a payload is understood whole or refused with a Mes
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TypeVar
 
 from agents.errors import AgentError
@@ -216,7 +217,7 @@ def unpack_anchor(data: bytes) -> tuple[AnchorKey, Anchor]:
 
 @dataclass(frozen=True)
 class Held:
-    """What a digest says of one tile: the newest version, and how much of it from the start."""
+    """What a digest says of one version of a tile: how much of it is there from the start."""
 
     tile: int
     version: int
@@ -226,7 +227,10 @@ class Held:
 
 @dataclass(frozen=True)
 class Section:
-    """What a digest says of a run of tiles of one submap: those not listed are not held."""
+    """What a digest says of a run of tiles of one submap: those not listed are not held.
+
+    A tile is listed once for each version that is held, the oldest first.
+    """
 
     key: AnchorKey
     first_tile: int
@@ -236,17 +240,31 @@ class Section:
 
 @dataclass(frozen=True)
 class Digest:
-    """What a robot has: all its submaps with their anchors' versions, and some of its tiles."""
+    """What a robot has: a run of its submaps with their anchors' versions, and some tiles of them.
+
+    The run goes from the first submap that is named to the last, or, where it `opens` or `closes`
+    the list, from the first or to the last that there could be.
+    """
 
     anchors: tuple[tuple[AnchorKey, int], ...]
-    """(submap, version of its anchor + 1, or 0 without anchor); what is not here is not held."""
+    """(submap, version of its anchor + 1, or 0 without anchor), ascending; a submap that is in the
+    run and not here is not held."""
     sections: tuple[Section, ...]
+    opens: bool = True
+    closes: bool = True
+
+    def speaks_of(self, key: AnchorKey) -> bool:
+        """Say whether a submap lies in the run, held or not."""
+        if not self.anchors:
+            return self.opens and self.closes
+        after_first = self.opens or key >= self.anchors[0][0]
+        return after_first and (self.closes or key <= self.anchors[-1][0])
 
 
 def pack_digest(digest: Digest) -> bytes:
     """Return the payload of a DIGEST frame."""
     out = Writer()
-    out.uint(len(digest.anchors))
+    out.uint(len(digest.anchors) * 4 + digest.opens * 2 + digest.closes)
     for key, version in digest.anchors:
         out.byte(key.robot)
         out.byte(key.incarnation)
@@ -270,10 +288,13 @@ def pack_digest(digest: Digest) -> bytes:
 def unpack_digest(data: bytes) -> Digest:
     """Take the payload of a DIGEST frame apart."""
     reader = Reader(data)
+    count, flags = divmod(reader.uint(), 4)
     anchors = tuple(
         (AnchorKey(reader.byte(), reader.byte(), reader.uint()), reader.uint())
-        for _ in range(reader.uint())
+        for _ in range(count)
     )
+    if any(a[0] >= b[0] for a, b in pairwise(anchors)):
+        raise MessageError("the submaps of a digest are not in ascending order")
     sections: list[Section] = []
     while not reader.at_end:
         index = reader.uint()
@@ -287,7 +308,7 @@ def unpack_digest(data: bytes) -> Digest:
             tile += reader.uint()
             held.append(Held(tile, reader.uint(), reader.uint() - 1))
         sections.append(Section(anchors[index][0], first, last, tuple(held)))
-    return Digest(anchors, tuple(sections))
+    return Digest(anchors, tuple(sections), flags >= 2, flags % 2 == 1)
 
 
 # --- status, fixes, commands ----------------------------------------------------------------

@@ -226,9 +226,10 @@ def traversability(
     Without a tether: forbidden are slopes over the footprint steeper than `max_slope_deg`. On
     tethers (the Cliff-bot) a steep smooth face is allowed. For both are forbidden: rocks and
     ledges higher than half a wheel, cells unknown farther than one wheel from measured ground,
-    cells whose sigma exceeds a wheel (on tethers half of one: there rocks must be seen), and whatever is nearer than half a footprint to one of these;
-    up to one footprint farther the cost rises towards the hazard (by up to 3). Ground that is rough
-    under the footprint, but not surely a hazard, costs up to 20 more: a way round is worth it.
+    ground whose sigma exceeds a wheel (on tethers half of one: there rocks must be seen), and
+    whatever is nearer than half a footprint to one of these; up to one footprint farther the cost
+    rises towards the hazard (by up to 3). Ground that is rough under the footprint, but not surely
+    a hazard, costs up to 20 more: a way round is worth it.
 
     Args:
         elevation_m: (H, W), NaN where unknown.
@@ -240,7 +241,9 @@ def traversability(
     whole = markov.complete(elevation_m)
     sigma = np.where(known, sigma_m, 0.0)
     rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma)
-    blocked = rough.hazard | ~(sigma <= (0.5 if tethered else 1.0) * wheel_m)
+    # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
+    unsure = surface.mean_over(sigma, 3) > (0.5 if tethered else 1.0) * wheel_m
+    blocked = rough.hazard | (known & unsure)
     blocked |= markov.distance_to_known_m(known, cell_m) > wheel_m
     cost = _with_clearance(blocked, footprint_m, cell_m)
     cost += DOUBT_WEIGHT * surface.mean_over(rough.doubt, surface.odd_cells(footprint_m, cell_m))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.geometry import Floats, Pose, wrap_angle
+from agents.geometry import Bools, Floats, GridFrame, Pose, wrap_angle
 from agents.messages import TetherCommand, pack_tethers
 from agents.paths import path_to, straight_legs, travel_field, traversability
 from agents.robot import ACTIVITIES, AgentSettings, Robot
@@ -17,6 +17,8 @@ SILENT_S = 240.0
 """A team-mate that was not heard for so long is taken for lost."""
 STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
+GOAL_M = 1.0
+"""The Cliff-bot has arrived when it stands this near its goal: the goal itself may be barred."""
 SLACK_M = 0.05
 COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
@@ -77,43 +79,57 @@ async def descend(robot: Robot) -> None:
     assert robot.settings.goal_m is not None
     goal = robot.settings.goal_m
     robot.wish_to_know(goal)
+    path_m = await wait_for_path(robot, goal)
+    if path_m is not None:
+        robot.log.event("safe path", f"{_length_m(path_m):.1f} m")
+        robot.set_activity("descending")
+        path_m = await go_down(robot, goal, path_m)
+    if path_m is not None:
+        robot.log.event("reached")
+    else:
+        robot.log.event("stuck", "nobody maps any more, and no safe way down is known")
+    robot.claim = None
+    robot.set_activity("done")
+    robot.finished = True
+
+
+async def wait_for_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
+    """Return the first safe way to the goal that the map shows, or None if none will come."""
     planned_s = -math.inf
     while True:
         if planned_s < robot.map_changed_s:
             planned_s = robot.now_s
             path_m = await find_path(robot, goal)
             if path_m is not None:
-                break
+                return path_m
         if _nothing_more_to_come(robot):
-            robot.log.event("stuck", "nobody maps any more, and no safe way down is known")
-            robot.set_activity("done")
-            robot.finished = True
-            return
+            return None
         await asyncio.sleep(PATIENCE_S)
-    robot.log.event("safe path", f"{_length_m(path_m):.1f} m")
-    robot.claim = None
-    robot.set_activity("descending")
-    arrived = await go_down(robot, goal)
-    robot.log.event("reached" if arrived else "stuck", "" if arrived else "the way is barred")
-    robot.set_activity("done")
-    robot.finished = True
 
 
-async def go_down(robot: Robot, goal: tuple[float, float]) -> bool:
-    """Go down step by step, each by the newest map; return whether the goal was reached."""
+async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Floats | None:
+    """Go down step by step, each by the newest map; return None if the goal can't be reached.
+
+    Where the newest map bars the way, it hangs on its tethers until the map shows another.
+    """
     failures = 0
-    while math.dist((robot.pose.x_m, robot.pose.y_m), goal) > robot.settings.map.cell_m:
-        path_m = await find_path(robot, goal)
-        if path_m is None or failures > TRIES:
-            return False
+    while math.dist((robot.pose.x_m, robot.pose.y_m), path_m[-1]) > robot.settings.map.cell_m:
         x_m, y_m = _step_along(path_m)
         holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m))
         try:
-            moved = await robot.drive_to(x_m, y_m, STEP_M)
+            failures += not await robot.drive_to(x_m, y_m, STEP_M)
         finally:
             holder.cancel()
-        failures += not moved
-    return True
+        if failures > TRIES:
+            return None
+        onward = await find_path(robot, goal)
+        if onward is None:
+            robot.log.event("barred", "the newest map shows no safe way on from here")
+            onward = await wait_for_path(robot, goal)
+        if onward is None:
+            return None
+        path_m = onward
+    return path_m
 
 
 async def hold(robot: Robot) -> None:
@@ -176,14 +192,17 @@ def safe_path(
     )
     frame = settings.frame
     start = frame.cell_of(stand.x_m, stand.y_m)
-    end = frame.cell_of(*goal)
-    if not (frame.holds(*start) and frame.holds(*end)):
+    if not frame.holds(*start):
         return None
-    cost[start] = min(cost[start], STAND_COST)  # it stands there, so one can stand there
+    # It stands there, so one can stand there, and a step away.
+    stands = _within(frame, stand, STEP_M)
+    cost[stands] = np.minimum(cost[stands], STAND_COST)
     distance_m, parent = travel_field(cost, np.array([start]), frame.cell_m)
-    if not math.isfinite(distance_m[end]):
+    near = np.where(np.isfinite(distance_m), _distance_to(frame, goal), np.inf)
+    end = np.unravel_index(int(np.argmin(near)), frame.shape)
+    if near[end] > GOAL_M:
         return None
-    cells = straight_legs(path_to(parent, end), cost)
+    cells = straight_legs(path_to(parent, (int(end[0]), int(end[1]))), cost)
     return np.array([frame.centre_of(int(row), int(col)) for row, col in cells])
 
 
@@ -194,15 +213,24 @@ def _with_own_stand(robot: Robot) -> tuple[Floats, Floats]:
     """
     fused = robot.team.fused()
     elevation_m, sigma_m = fused.elevation_m.copy(), robot.team.relief_sigma_m().copy()
-    frame, pose = robot.settings.frame, robot.pose
-    rows, cols = np.indices(frame.shape)
-    x_m = frame.x_m + (cols + 0.5) * frame.cell_m - pose.x_m
-    y_m = frame.y_m + (rows + 0.5) * frame.cell_m - pose.y_m
-    under = np.hypot(x_m, y_m) <= 0.75 * robot.settings.drive.footprint_m
+    under = _within(robot.settings.frame, robot.pose, 0.75 * robot.settings.drive.footprint_m)
     unseen = under & np.isnan(elevation_m)
-    elevation_m[unseen] = pose.z_m
-    sigma_m[unseen] = 0.5 * robot.settings.drive.wheel_m
+    elevation_m[unseen] = robot.pose.z_m
+    sigma_m[unseen] = 0.25 * robot.settings.drive.wheel_m
     return elevation_m, sigma_m
+
+
+def _within(frame: GridFrame, pose: Pose, radius_m: float) -> Bools:
+    """Return the cells (rows, cols) within a radius of a pose."""
+    return _distance_to(frame, (pose.x_m, pose.y_m)) <= radius_m
+
+
+def _distance_to(frame: GridFrame, point_m: tuple[float, float]) -> Floats:
+    """Return each cell's distance (rows, cols) to a point, metres."""
+    rows, cols = np.indices(frame.shape)
+    x_m = frame.x_m + (cols + 0.5) * frame.cell_m - point_m[0]
+    y_m = frame.y_m + (rows + 0.5) * frame.cell_m - point_m[1]
+    return np.hypot(x_m, y_m)
 
 
 def _step_along(path_m: Floats) -> tuple[float, float]:

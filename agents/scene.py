@@ -19,6 +19,8 @@ CLAIMED = 0.3
 """What a cell is still worth that a team-mate said it will look at."""
 WISHED = 3.0
 """How much more a cell is worth on ground that a team-mate waits to know."""
+SHARP = 0.25
+"""Wished ground is known well enough when its sigma is this share of a wheel."""
 NEAR_COST = 4.0
 """Cost of a metre on the ground that a robot crosses back into the inset polygon."""
 
@@ -115,7 +117,11 @@ class Scene:
         for x_m, y_m, radius_m in view.claims:
             worth[self._within(x_m, y_m, radius_m)] *= CLAIMED
         for x_m, y_m, radius_m in view.wishes:
-            worth[self._within(x_m, y_m, radius_m)] *= WISHED
+            wished = self._within(x_m, y_m, radius_m)
+            # Who is to drive there has to see rocks: looks go on until the relief is sharp.
+            blurred = wished & (self.sigma_m > SHARP * view.drive.wheel_m)
+            worth[blurred] = view.interest[blurred]
+            worth[wished] *= WISHED
         for mate in view.others:
             worth[self._within(mate.x_m, mate.y_m, 0.5 * view.drive.footprint_m)] = 0.0
         return worth

@@ -52,12 +52,14 @@ class Steps:
 
 @dataclass
 class Offer:
-    """The best next stretch of one tile: its worth per byte, and where it starts and ends."""
+    """The best next stretch of one version of a tile: its worth per byte, and where it starts.
+
+    Version 0 is one that was not published yet.
+    """
 
     density: float
-    start: int
-    end: int
-    publish: bool = False
+    version: int
+    start: int = 0
 
 
 @dataclass
@@ -99,6 +101,7 @@ class Sharing:
         self._offers: dict[TileKey, Offer] = {}
         self._stale: set[TileKey] = set()
         self._order: dict[TileKey, int] = {}
+        self._news_count = 0
 
     # --- what changed ---------------------------------------------------------------------
 
@@ -115,7 +118,7 @@ class Sharing:
             self.believed[peer].has(chunk)
         self._stale.add(chunk.key)
         if changed:
-            self._order[chunk.key] = len(self._order)
+            self._news_came(chunk.key)
             self.teller.changed(chunk.key)
             self.clock.changed()
 
@@ -129,6 +132,10 @@ class Sharing:
         """Believe what a team-mate says that it has, but for what was sent only just now."""
         changed = take_digest(self.believed[sender], digest, now_s)
         self._stale.update(changed)
+
+    def _news_came(self, key: TileKey) -> None:
+        self._news_count += 1
+        self._order[key] = self._news_count
 
     # --- what to send ---------------------------------------------------------------------
 
@@ -173,7 +180,7 @@ class Sharing:
             key = self._best()
             if key is None:
                 break
-            if self._offers[key].publish:
+            if self._offers[key].version == 0:
                 self._publish(key)
                 continue
             chunk = self._chunk(key, room - CHUNK_HEADER_BYTES)
@@ -195,7 +202,7 @@ class Sharing:
 
     def _chunk(self, key: TileKey, room: int) -> Chunk:
         offer = self._offers[key]
-        version = self.store.newest(key)
+        version = self.store.version(key, offer.version)
         assert version is not None
         # What fits beyond the wished level goes along: the next level begins where this one ends.
         end = min(offer.start + room, version.prefix_bytes)
@@ -220,9 +227,17 @@ class Sharing:
         return known
 
     def _offer_of_published(self, key: TileKey) -> Offer | None:
-        """Return the best next stretch of a tile's newest version, for all who lack it."""
-        version = self.store.newest(key)
-        if version is None or version.prefix_bytes == 0:
+        """Return the best next stretch of a tile, for all who lack it.
+
+        What was heard of a newer version may be less than the whole of an older one: then both
+        count, and the origin may be no more to send the rest.
+        """
+        offers = [self._offer_of_version(key, version) for version in self.store.versions(key)]
+        known = [offer for offer in offers if offer is not None]
+        return max(known, key=lambda offer: (offer.density, offer.version), default=None)
+
+    def _offer_of_version(self, key: TileKey, version: Version) -> Offer | None:
+        if version.prefix_bytes == 0:
             return None
         starts = [b.prefix_of(key, version) for b in self.believed.values()]
         start = min(starts, default=version.prefix_bytes)
@@ -230,20 +245,19 @@ class Sharing:
             return None
         steps = self._steps_of(key, version)
         have = [b.bits_of(key, version, self._steps) for b in self.believed.values()]
-        best = Offer(0.0, start, version.prefix_bytes)
+        best_density = 0.0
         for end, bits in zip(steps.ends, steps.bits, strict=True):
             if end <= start:
                 continue
             gain = sum(max(0.0, bits - had) for had in have)
             density = self.weight(key) * gain / (end - start + CHUNK_HEADER_BYTES)
-            if density > best.density:
-                best = Offer(density, start, end)
+            best_density = max(best_density, density)
         # A payload that was begun is finished once nothing better is left: the last level alone
         # is exact, and what it adds to a mask counts for more than its bits say.
         floor = MIN_BITS_PER_BYTE * 1.01
         if self.settings.policy == "latest-first":
-            return Offer(1e6 + self._order.get(key, 0), start, version.prefix_bytes)
-        return best if best.density > floor else Offer(floor, start, version.prefix_bytes)
+            return Offer(1e6 + self._order.get(key, 0), version.number, start)
+        return Offer(max(best_density, floor), version.number, start)
 
     def _offer_to_publish(self, key: TileKey) -> Offer | None:
         """Return what a new version of an own tile would be worth, by an estimate of its size."""
@@ -256,7 +270,7 @@ class Sharing:
         known = int(np.count_nonzero(estimate.known))
         size = before.size_bytes if before else 24 + known // 5
         density = self.weight(key) * gain * len(self.peers) / (size + CHUNK_HEADER_BYTES)
-        return Offer(density, 0, size, publish=True)
+        return Offer(density, 0)
 
     def _own_tile(self, key: TileKey) -> Estimate:
         submap = self.own.submaps[key.submap]
@@ -286,7 +300,7 @@ class Sharing:
         # The gain is counted against what was published, not against what is worth sending of it.
         bits = self._own_tile(key).information_bits(self.map.prior_sigma_m)
         self.published[key] = Published(number, bits, len(encoded.data))
-        self._order[key] = len(self._order) + 1
+        self._news_came(key)
         self._stale.add(key)
 
     def _learn_steps(self, key: TileKey, number: int, encoded: EncodedTile) -> None:

@@ -171,6 +171,10 @@ class Store:
         held = self._tiles.get(key, {})
         return [held[number] for number in sorted(held, reverse=True)]
 
+    def version(self, key: TileKey, number: int) -> Version | None:
+        """Return one version of a tile, if it is kept."""
+        return self._tiles.get(key, {}).get(number)
+
     def newest(self, key: TileKey) -> Version | None:
         """Return the newest version of a tile of which anything is here."""
         held = self._tiles.get(key)
@@ -191,15 +195,19 @@ class Store:
                 yield key, self._tiles[key][number]
 
     def digest(self) -> str:
-        """Return a hash of keys and payloads: equal for equal stores, whatever the history."""
+        """Return a hash of keys and payloads: equal for equal stores, whatever the history.
+
+        It is taken of all that can be decoded. What lies behind a gap counts once the gap is
+        filled: where the origin has died, nobody may be left to fill it.
+        """
         if self._digest:
             return self._digest
         digest = hashlib.sha256()
         for key, version in self.all_versions():
-            digest.update(repr((tuple(key), version.number, version.total)).encode())
-            for start, end in version.ranges:
-                digest.update(repr((start, end)).encode())
-                digest.update(version.data[start:end])
+            if version.prefix_bytes:
+                known = (tuple(key), version.number, version.total, version.prefix_bytes)
+                digest.update(repr(known).encode())
+                digest.update(version.prefix)
         for key in sorted(self.anchors):
             digest.update(repr((tuple(key), self.anchors[key])).encode())
         self._digest = digest.hexdigest()

@@ -3,8 +3,8 @@
     python benchmarks/train_codec.py [comms/prior_data.py]
 
 The ground is synthetic: fractal surfaces of many roughnesses with rocks, craters, slopes and
-cliffs, seen from random places with the shadows that obstacles throw, with and without noise. A new file is
-a new format: robots with different files do not understand one another.
+cliffs, seen from random places with the shadows that obstacles throw, with and without noise. A new
+file is a new format: robots with different files do not understand one another.
 """
 
 import itertools
@@ -17,13 +17,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from comms import maskcode, priors, residuals, sigmacode, tilecode
-from comms.gridcode import block_max
+from comms import maskcode, priors, residuals, sigmacode
+from comms.blocks import block_max
 from comms.logistic import Opinions
 from comms.maskcode import KINDS, LEARNED_SLOTS, code_mask, mask_opinions
 from comms.predict import TAP_SETS, TAPS
 from comms.rangecoder import encoder
 from comms.scales import bound_for
+from comms.tilecode import rehearse
+from comms.tilecode import write as write_tile
+from comms.tilelevels import SIGMA_BLOCK, Head, Truth
+from comms.tileplan import plan_levels
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -99,7 +103,7 @@ def cliff(rng: Rng) -> Floats:
         x / rng.uniform(1, 4) + rng.uniform(0, 6)
     )
     z = rng.uniform(0.3, 3) / (1 + np.exp(np.clip(-(x[:, None] - line) / 0.1, -50, 50)))
-    return np.rot90(z, rng.integers(0, 4))
+    return np.rot90(z, int(rng.integers(0, 4)))
 
 
 def ground(rng: Rng) -> Floats:
@@ -173,18 +177,18 @@ def jobs(rng: Rng) -> list[Job]:
     return found
 
 
-def prepare(job: Job) -> tuple[tilecode.Head, list[tilecode.Truth]]:
+def prepare(job: Job) -> tuple[Head, list[Truth]]:
     """What the encoder would write, as far as the models do not matter."""
     bound = bound_for(job.bound_m, 1e-9, 2)
     assert bound is not None
     known = np.ascontiguousarray(job.known)
     base = round(float(np.median(job.elevation_m[known])) / bound.step_m)
-    head = tilecode.Head(known.shape, bound, job.levels, job.profile, bool(known.all()), base)
-    codes = block_max(sigmacode.code_of(job.sigma_m, known), tilecode.SIGMA_BLOCK)
+    head = Head(known.shape, bound, job.levels, job.profile, bool(known.all()), base)
+    codes = block_max(sigmacode.code_of(job.sigma_m, known), SIGMA_BLOCK)
     mask = known.astype(np.uint8)
-    truth = tilecode.Truth(head.scale.units(job.elevation_m), mask, codes, mask, 0)
-    errors_m = tilecode.rehearse(job.elevation_m, truth, head)
-    plan = tilecode.plan_levels(errors_m, known, bound, job.levels)
+    truth = Truth(head.scale.units(job.elevation_m), mask, codes, mask, 0)
+    errors_m = rehearse(job.elevation_m, truth, head)
+    plan = plan_levels(errors_m, known, bound, job.levels)
     return head, [replace(truth, told=told, bound_code=code) for code, told in plan]
 
 
@@ -204,7 +208,7 @@ def learn(learned: dict[str, Opinions], taps: NDArray[np.int64], job: Job) -> in
     if not head.whole:
         mask = truths[0].mask.copy()
         code_mask(encoder(mask.size + 256), learned["whole"], np.zeros_like(mask), mask)
-    size = len(tilecode.write(head, truths).data)
+    size = len(write_tile(head, truths).data)
     priors.share({}, None)
     return size
 

@@ -8,9 +8,15 @@ Elevations are float32 when decoded, and the bounds hold for these: the encoder 
 decoder will give with what it was given, never with what it should be. Unknown cells are NaN.
 """
 
+import numpy as np
+from numpy.typing import NDArray
+
+from comms.blocks import block_max, spread
 from comms.errors import CodecError
 from comms.gridcode import decode_grid, decode_grid_sigma, encode_grid
-from comms.tilecode import DecodedTile, EncodedTile, decode_tile, encode_tile, sigma_as_sent
+from comms.sigmacode import code_of, sigma_of
+from comms.tilecode import DecodedTile, EncodedTile, decode_tile, encode_tile
+from comms.tilelevels import SIGMA_BLOCK
 
 __all__ = [
     "CodecError",
@@ -23,3 +29,12 @@ __all__ = [
     "encode_tile",
     "sigma_as_sent",
 ]
+
+
+def sigma_as_sent(sigma_m: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the standard deviations (H, W) that a receiver of the last level would be told.
+
+    For whole maps too, whose tiles have sides of a multiple of the blocks that sigmas share.
+    """
+    codes = block_max(code_of(sigma_m, known), SIGMA_BLOCK)
+    return sigma_of(spread(codes, SIGMA_BLOCK, *known.shape)).astype(np.float64)

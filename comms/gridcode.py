@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from comms.blocks import block_max, spread
 from comms.errors import CodecError
 from comms.maskcode import code_mask, mask_opinions
-from comms.pyramid import PROFILES, Pyramid
-from comms.rangecoder import Coder, Mark, code_words, decoder, encoder, has_run_out
+from comms.pyramid import BYTES_PER_CELL, Pyramid, best_profile
+from comms.rangecoder import Mark, code_words, decoder, encoder, has_run_out, is_whole
 from comms.scales import (
-    BOUNDED,
     RAW,
     Bound,
     Fields,
@@ -33,15 +33,16 @@ Singles = NDArray[np.float32]
 Bools = NDArray[np.bool_]
 
 LARGEST_SIDE = 4096
+_LARGEST_M = float(np.finfo(np.float32).max)
 _SIGMA_BLOCK = 4
-_LEAST_BITS_PER_CELL = 1 / 2048
-_FINER_STEPS_BITS = 0.45
+_LEAST_BITS_PER_CELL = 1 / 6000
+"""Less than a cell can cost, by the least probability of a bit: log2(65536 / 65528)."""
 _MANY_CELLS = 1 << 14
 _NO_BOUND = Bound(10, 0)
 
 
 def check_grid(elevation_m: NDArray[np.floating], known: Bools, max_error_m: float) -> Floats:
-    """Return the elevations as float64, or say what is wrong with the arguments."""
+    """Return the elevations (H, W), float64 and finite everywhere, or say what is wrong."""
     if elevation_m.ndim != 2 or elevation_m.shape != known.shape:
         raise CodecError(f"elevation {elevation_m.shape} and mask {known.shape} must be one grid")
     if not (min(elevation_m.shape) >= 1 and max(elevation_m.shape) <= LARGEST_SIDE):
@@ -49,9 +50,12 @@ def check_grid(elevation_m: NDArray[np.floating], known: Bools, max_error_m: flo
     if not 1e-30 <= max_error_m <= 1e30:
         raise CodecError(f"an error bound of {max_error_m} m is outside 1e-30..1e30 m")
     values = elevation_m.astype(np.float64)
-    if not np.isfinite(values[known]).all():
+    inside = values[known]
+    if not np.isfinite(inside).all():
         raise CodecError("every known cell needs a finite elevation")
-    return values
+    if np.abs(inside).max(initial=0.0) > _LARGEST_M:
+        raise CodecError(f"float32 cannot hold an elevation of {np.abs(inside).max():g} m")
+    return np.where(known, values, inside[0] if inside.size else 0.0)
 
 
 def encode_grid(
@@ -71,7 +75,7 @@ def encode_grid(
     mask = np.ascontiguousarray(known).astype(np.uint8)
     codes = None if sigma_m is None else code_of(sigma_m.astype(np.float64), known)
     for scale, bound in _scales_to_try(values[known], max_error_m):
-        data, decoded = _write_smallest(values, mask, codes, scale, bound)
+        data, decoded = _write(values, mask, codes, scale, bound)
         error_m = np.abs(decoded.astype(np.float64) - values)[known]
         if error_m.size == 0 or error_m.max() <= max_error_m:
             return data
@@ -108,25 +112,8 @@ def _scales_to_try(values_m: Floats, max_error_m: float) -> list[tuple[Scale, Bo
     if bound is not None:
         scales.append((bounded(bound), bound))
     scales.append((binary_scale(values_m, max_error_m), _NO_BOUND))
-    usable = [(s, b) for s, b in scales if spans_units(values_m, s)]
+    usable = [(scale, bound) for scale, bound in scales if spans_units(values_m, scale)]
     return [*usable, (Scale(RAW, 1.0), _NO_BOUND)]
-
-
-def _write_smallest(
-    values: Floats,
-    mask: NDArray[np.uint8],
-    sigma_codes: NDArray[np.int64] | None,
-    scale: Scale,
-    bound: Bound,
-) -> tuple[bytes, Singles]:
-    """Write with plain steps, and where few bits go to a cell try the finer ones too."""
-    best = _write(values, mask, sigma_codes, scale, bound, 0)
-    cells = int(mask.sum())
-    if scale.kind == BOUNDED and 8 * len(best[0]) < _FINER_STEPS_BITS * cells:
-        for profile in range(1, len(PROFILES) if cells <= _MANY_CELLS else 2):
-            other = _write(values, mask, sigma_codes, scale, bound, profile)
-            best = min(best, other, key=lambda written: len(written[0]))
-    return best
 
 
 def _write(
@@ -135,9 +122,8 @@ def _write(
     sigma_codes: NDArray[np.int64] | None,
     scale: Scale,
     bound: Bound,
-    profile: int,
 ) -> tuple[bytes, Singles]:
-    fields = Fields(encoder(values.size * 12 + 256))
+    fields = Fields(encoder(values.size * BYTES_PER_CELL))
     rows, cols = values.shape
     fields.bits(12, rows - 1)
     fields.bits(12, cols - 1)
@@ -150,7 +136,7 @@ def _write(
             first = values[mask.astype(bool)][0]
             scale = Scale(scale.kind, scale.step_m, round(first / scale.step_m))
         scale, _ = code_scale(fields, scale, bound)
-        decoded = _code_values(fields, mask, scale, values, profile)
+        decoded = _code_values(fields, mask, scale, values)
         _code_sigma(fields, mask, sigma_codes)
     else:
         decoded = np.full(values.shape, np.nan, np.float32)
@@ -173,19 +159,15 @@ def _read(fields: Fields, length: int) -> tuple[Singles, Bools, Singles | None]:
         mask = np.zeros((rows, cols), np.uint8)
         code_mask(fields.coder, mask_opinions("whole"), mask.copy(), mask)
     scale, _ = code_scale(fields, Scale(RAW, 1.0), _NO_BOUND)
-    decoded = _code_values(fields, mask, scale, None, 0)
+    decoded = _code_values(fields, mask, scale, None)
     known = mask.astype(np.bool_)
     codes = _code_sigma(fields, mask, None)
-    _refuse_cut(fields.coder)
+    if not is_whole(fields.coder):
+        raise CodecError(f"{length} bytes are not what a grid of {rows} x {cols} cells takes")
     elevation_m[known] = decoded[known]
     if codes is None:
         return elevation_m, known, None
     return elevation_m, known, np.where(known, sigma_of(codes), np.float32(np.nan))
-
-
-def _refuse_cut(coder: Coder) -> None:
-    if has_run_out(coder):
-        raise CodecError("the bytes end before the grid does")
 
 
 def _code_values(
@@ -193,14 +175,13 @@ def _code_values(
     mask: NDArray[np.uint8],
     scale: Scale,
     values: Floats | None,
-    profile: int,
 ) -> Singles:
     """Code the elevations of the known cells; return what a receiver gets of them, (H, W)."""
     if scale.kind == RAW:
         return _code_raw(fields, mask, values)
-    profile = fields.bits(2, profile)
-    pyramid = Pyramid.blank(mask.shape, profile, snaps=scale.kind != BOUNDED)
     y = None if values is None else scale.units(values)
+    profile = 0 if y is None or scale.snaps else best_profile(mask, y)
+    pyramid = Pyramid.blank(mask.shape, fields.bits(2, profile), snaps=scale.snaps)
     pyramid.code(fields.coder, mask, y)
     return scale.metres(pyramid.cells.x)
 
@@ -232,15 +213,3 @@ def _code_sigma(
         blocks = block_max(codes, _SIGMA_BLOCK)
     code_sigma_blocks(fields.coder, sigma_opinions(), want, np.zeros_like(want), blocks)
     return spread(blocks, _SIGMA_BLOCK, rows, cols)
-
-
-def block_max(cells: NDArray[np.int64], side: int) -> NDArray[np.int64]:
-    """Return the largest of each block of side x side cells; the last blocks may be smaller."""
-    rows, cols = cells.shape
-    by_row = np.maximum.reduceat(cells, np.arange(0, rows, side), axis=0)
-    return np.maximum.reduceat(by_row, np.arange(0, cols, side), axis=1)
-
-
-def spread(blocks: NDArray[np.int64], side: int, rows: int, cols: int) -> NDArray[np.int64]:
-    """Return each block's value at each of its cells."""
-    return np.repeat(np.repeat(blocks, side, 0), side, 1)[:rows, :cols]

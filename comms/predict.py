@@ -19,6 +19,11 @@ from comms.rangecoder import Words
 Units = NDArray[np.int64]
 
 
+DIAGONAL, ODD_ROW, EVEN_ROW = 0, 1, 2
+"""Stages: the cells between four diagonal neighbours; those between two rows, or two columns, of
+the coarser lattice."""
+
+
 class Cells(NamedTuple):
     """A grid while it is coded, all (H, W)."""
 
@@ -38,7 +43,6 @@ class Place(NamedTuple):
     j: int
     spacing: int
     stage: int
-    """0 diagonal; 1 and 2 along the axes, in odd and even lattice rows."""
     level: int
     """Binary logarithm of the spacing."""
 
@@ -146,7 +150,7 @@ def _ends(x: Units, place: Place) -> int:
     total = whole(0)
     for k in range(2):
         di, dj = stage[k, 0] * s, stage[k, 1] * s
-        total += x[i - di, j - dj] + x[i + di, j + dj]
+        total += whole(x[i - di, j - dj]) + whole(x[i + di, j + dj])
     return total
 
 

@@ -2,8 +2,8 @@
 
 Small payloads are over before models have learned much, so they start from what was learned once,
 on fractal ground with rocks, craters and cliffs seen from random places; the program
-`benchmarks/train_codec.py` writes `prior_data.py`. Both sides must hold the same file: it is part of the
-format.
+`benchmarks/train_codec.py` writes `prior_data.py`. Both sides must hold the same file: it is part
+of the format.
 """
 
 import base64

@@ -20,13 +20,33 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from comms.around import around
 from comms.kernels import kernel, warmer
 from comms.logistic import Opinions
 from comms.parts import part, whole
-from comms.predict import STAGES, TAP_SETS, TAPS, Cells, Place, adjustment, interpolate, learn
+from comms.predict import (
+    DIAGONAL,
+    EVEN_ROW,
+    ODD_ROW,
+    TAP_SETS,
+    TAPS,
+    Cells,
+    Place,
+    adjustment,
+    interpolate,
+    learn,
+)
 from comms.priors import taps
-from comms.rangecoder import DECODING, Coder, Words, decoder, encoder, has_run_out
-from comms.residuals import Around, code_residual, look, residual_opinions
+from comms.rangecoder import (
+    DECODING,
+    Coder,
+    Words,
+    bits_written,
+    decoder,
+    encoder,
+    has_run_out,
+)
+from comms.residuals import code_residual, look, residual_opinions
 
 Units = NDArray[np.int64]
 Flags = NDArray[np.uint8]
@@ -44,8 +64,13 @@ PROFILES = np.array(
 )
 """Steps in units at the spacings 1, 2, 4 ...: finer ones far apart make better predictions near by,
 which pays where the bound is wide."""
+BYTES_PER_CELL = 24
+"""More than the longest residual takes."""
+_SMALL_SIDE = 128
+_TRIAL_SIDE = 96
+_FINER_STEPS_BITS = 0.45
+"""Bits per cell above which finer steps far apart have never paid."""
 _FAR = whole(1) << 46
-_DIAGONAL, _ODD_ROW, _EVEN_ROW = 0, 1, 2
 
 
 @dataclass
@@ -87,43 +112,30 @@ class Pyramid:
         return cells.x
 
 
+def best_profile(want: Flags, y: Units) -> int:
+    """Return the profile that codes a grid (its middle, if it is large) in the fewest bits."""
+    rows, cols = want.shape
+    is_small = max(rows, cols) <= _SMALL_SIDE
+    side = _SMALL_SIDE if is_small else _TRIAL_SIDE
+    top, left = max(rows - side, 0) // 2, max(cols - side, 0) // 2
+    cut = np.s_[top : top + side, left : left + side]
+    want, y = np.ascontiguousarray(want[cut]), np.ascontiguousarray(y[cut])
+    bits = [_bits_of(0, want, y)]
+    if bits[0] < _FINER_STEPS_BITS * int(want.sum()):
+        profiles = range(1, len(PROFILES) if is_small else 2)
+        bits += [_bits_of(profile, want, y) for profile in profiles]
+    return bits.index(min(bits))
+
+
+def _bits_of(profile: int, want: Flags, y: Units) -> float:
+    coder = encoder(want.size * BYTES_PER_CELL)
+    Pyramid.blank(want.shape, profile, snaps=False).code(coder, want, y)
+    return bits_written(coder)
+
+
 def top_spacing(rows: int, cols: int) -> int:
     """Return the spacing of the coarsest lattice: a power of two that leaves one cell of it."""
     return 1 << (max(rows, cols) - 1).bit_length()
-
-
-@part
-def _around(cells: Cells, place: Place, spread: int, moved: int, trust: int, step: int) -> Around:
-    """Return what surrounds a cell, relative to its step."""
-    per_step = (1 << 24) // step
-    s = place.spacing
-    stage = STAGES[place.stage]
-    residuals = cells.residuals
-    a = _residual(residuals, place.i + stage[2, 0] * s, place.j + stage[2, 1] * s)
-    b = _residual(residuals, place.i + stage[3, 0] * s, place.j + stage[3, 1] * s)
-    c = _residual(residuals, place.i + stage[4, 0] * s, place.j + stage[4, 1] * s)
-    d = _residual(residuals, place.i + stage[5, 0] * s, place.j + stage[5, 1] * s)
-    near = abs(a) + abs(b)
-    for k in range(2):
-        di, dj = stage[k, 0] * s, stage[k, 1] * s
-        near += abs(_residual(residuals, place.i - di, place.j - dj))
-        near += abs(_residual(residuals, place.i + di, place.j + dj))
-    return Around(
-        min(place.level, 3) * 2 + (1 if place.stage == _DIAGONAL else 0),
-        min((abs(spread) * per_step) >> 20, 2000),
-        min(near * 10, 1023),
-        (a, b, c, d),
-        min(max((moved * per_step) >> 21, -5), 5),
-        min(trust >> 2, 4),
-    )
-
-
-@part
-def _residual(residuals: NDArray[np.int8], i: int, j: int) -> int:
-    h, w = residuals.shape
-    if i < 0 or j < 0 or i >= h or j >= w:
-        return whole(0)
-    return whole(residuals[i, j])
 
 
 @part
@@ -147,7 +159,7 @@ def _row(
 ) -> None:
     """Visit every `stride`-th cell of a row, beginning at column `first`."""
     decoding = coder.state[DECODING] != 0
-    set_of_taps = all_taps[(0 if stage == _DIAGONAL else 1) + 2 * min(level, 2)]
+    set_of_taps = all_taps[(0 if stage == DIAGONAL else 1) + 2 * min(level, 2)]
     for j in range(first, cells.x.shape[1], stride):
         if cells.coded[i, j]:
             continue
@@ -159,7 +171,7 @@ def _row(
             moved = adjustment(cells, place, set_of_taps, inputs, spread, step)
         p, r = guess + moved, whole(0)
         if want[i, j]:
-            group = look(_around(cells, place, spread, moved, trust, step), contexts)
+            group = look(around(cells, place, guess, spread, moved, trust, step), contexts)
             if snaps:
                 p = (p + (step >> 1)) // step * step
             if not decoding:
@@ -203,9 +215,9 @@ def sweep(
         for i in range(first, cells.x.shape[0], 2 * s if diagonal else s):
             if has_run_out(coder):
                 return
-            stage = _DIAGONAL if diagonal else (_ODD_ROW if (i // s) & 1 else _EVEN_ROW)
+            stage = DIAGONAL if diagonal else (ODD_ROW if (i // s) & 1 else EVEN_ROW)
             start, stride = first, 2 * s
-            if stage == _EVEN_ROW:
+            if stage == EVEN_ROW:
                 start = s
             if s == top:
                 start, stride = whole(0), s

@@ -12,6 +12,7 @@ Source: G. N. N. Martin, "Range encoding: an algorithm for removing redundancy f
 message" (1979); carries are propagated into the bytes already written.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -44,7 +45,7 @@ def encoder(capacity_bytes: int) -> Coder:
     """Return a coder that writes at most so many bytes."""
     state = np.zeros(6, np.int64)
     state[RANGE] = _TOP
-    return Coder(state, np.zeros(capacity_bytes + 16, np.uint8))
+    return Coder(state, np.zeros(capacity_bytes + 256, np.uint8))
 
 
 def decoder(data: bytes) -> Coder:
@@ -93,6 +94,8 @@ def _read_byte(coder: Coder) -> None:
 def _write_byte(coder: Coder) -> None:
     state, buffer = coder.state, coder.buffer
     at = state[POSITION]
+    if at >= buffer.size:
+        at = buffer.size - 1
     if state[LOW] >= _TOP:
         state[LOW] -= _TOP
         back = at - 1
@@ -103,7 +106,7 @@ def _write_byte(coder: Coder) -> None:
     buffer[at] = state[LOW] >> 32
     state[LOW] = (state[LOW] & (_BOTTOM - 1)) << 8
     state[OFFSET] = 0
-    state[POSITION] = at + 1
+    state[POSITION] += 1
 
 
 @kernel
@@ -131,6 +134,11 @@ def code_words(coder: Coder, words: Words) -> None:
         words[k] = code_even_bits(coder, 32, words[k])
 
 
+def bits_written(coder: Coder) -> float:
+    """Return how much information an encoder has taken so far."""
+    return 8 * int(coder.state[POSITION]) + 40 - math.log2(int(coder.state[RANGE]))
+
+
 def is_certain(coder: Coder) -> bool:
     """Say whether all that was decoded so far holds for every continuation of the bytes."""
     state = coder.state
@@ -142,12 +150,19 @@ def is_certain(coder: Coder) -> bool:
     return int(state[OFFSET]) + (1 << 8 * missing) <= int(state[RANGE])
 
 
+def is_whole(coder: Coder) -> bool:
+    """Say whether a decoder has come to the very end of what `finish` wrote (length known)."""
+    beyond = int(coder.state[POSITION] - coder.state[LENGTH])
+    return 0 <= beyond <= _WINDOW_BYTES + 1
+
+
 class Mark:
     """A place between two symbols of a stream that is being written."""
 
     def __init__(self, coder: Coder) -> None:
         """Note where the coder is now."""
         position = int(coder.state[POSITION])
+        assert position <= coder.buffer.size, "a symbol took more than was allowed for"
         self._bytes = position + _WINDOW_BYTES
         written = int.from_bytes(coder.buffer[:position].tobytes(), "big")
         self._low = (written << 8 * _WINDOW_BYTES) + int(coder.state[LOW])

@@ -23,8 +23,12 @@ class Around(NamedTuple):
     """How far the two lines through the cell disagree, in 1/16 steps, 0..2000."""
     near: int
     """Sizes of the residuals of the six nearest, times 10, 0..1023."""
+    relief: int
+    """Highest less lowest of the four nearest, in 1/16 steps, 0..2000."""
     causal: tuple[int, int, int, int]
     """Residuals of the nearest cells of the same stage."""
+    nearest: tuple[int, int, int, int]
+    """Residuals of the four nearest."""
     shift: int
     """How far the adaptive predictor moved the prediction, in 1/8 steps, -5..5."""
     trust: int
@@ -35,12 +39,12 @@ DECISIONS = 12
 """Zero or not, the sign, then more or not: more than 1, 2, ... 9, and beyond."""
 _UNARY = 20
 _LARGEST_EXPONENT = 40
-_INPUTS = 6
-_CONTEXTS = (12, 8 * 8, 8 * 12, 81, 11 * 6, 5 * 6 * 6)
+_INPUTS = 8
+_CONTEXTS = (12, 8 * 8, 8 * 12, 81, 11 * 6, 5 * 6 * 6, 81, 8 * 8)
 _STARTS = np.cumsum((0, *_CONTEXTS)).astype(np.int64)
 SLOTS = int(_STARTS[-1]) * DECISIONS
 _GROUPS = 6
-_LIMIT = 500
+_LIMIT = 1000
 
 
 def _quantiser(limits: tuple[int, ...], size: int) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
@@ -62,20 +66,27 @@ def _sign(value: int) -> int:
 
 
 @part
+def _signs(four: tuple[int, int, int, int]) -> int:
+    """Return the signs of four residuals as one number, 0..80."""
+    a, b, c, d = four
+    return ((_sign(a) * 3 + _sign(b)) * 3 + _sign(c)) * 3 + _sign(d)
+
+
+@part
 def look(around: Around, contexts: Words) -> int:
     """Write the first slot of each opinion to `contexts`; return the group of mixing weights."""
     a, b, c, d = around.causal
     energy = whole(_OF_ENERGY[around.lines + around.near])
-    lines = whole(_OF_SIZE[around.lines])
-    near = whole(_OF_SIZE[around.near])
+    lines, near = whole(_OF_SIZE[around.lines]), whole(_OF_SIZE[around.near])
     far = min(abs(a) + abs(b) + abs(c) + abs(d), 5)
-    signs = ((_sign(a) * 3 + _sign(b)) * 3 + _sign(c)) * 3 + _sign(d)
     contexts[0] = energy
     contexts[1] = _STARTS[1] + lines * 8 + near
     contexts[2] = _STARTS[2] + around.scale * 12 + energy
-    contexts[3] = _STARTS[3] + signs
+    contexts[3] = _STARTS[3] + _signs(around.causal)
     contexts[4] = _STARTS[4] + around.shift + 5 + 11 * min(lines, 5)
     contexts[5] = _STARTS[5] + (around.trust * 6 + far) * 6 + min(near, 5)
+    contexts[6] = _STARTS[6] + _signs(around.nearest)
+    contexts[7] = _STARTS[7] + whole(_OF_SIZE[around.relief]) * 8 + around.scale
     for k in range(_INPUTS):
         contexts[k] *= DECISIONS
     return energy >> 1

@@ -22,13 +22,14 @@ Singles = NDArray[np.float32]
 BOUNDED, DECIMAL, BINARY, RAW = 0, 1, 2, 3
 _DECIMALS = (10.0, 5.0, 2.0, 1.0, 0.5, 0.25, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 _SHORT_CODES = 255
-SLACKS = (2.0**-12, 2.0**-7, 2.0**-4, 2.0**-1)
+SLACKS = (1 / 4096, 1 / 1024, 1 / 256, 1 / 64, 1 / 32, 1 / 16, 1 / 7, 1 / 2)
+"""Shares of a bound that can be left to rounding."""
 _LARGEST_UNITS = 1 << 44
 
 
 @dataclass(frozen=True)
 class Bound:
-    """An error bound that a payload can name: 10 bits for two digits, 33 bits for four.
+    """An error bound that a payload can name: 11 bits for two digits, 34 bits for four.
 
     The short code holds two digits from 0.001 m up; the long one 16 bits and a decimal exponent.
     `slack` says how much of the bound is left to what float32 rounds away.
@@ -96,7 +97,7 @@ class Fields:
     def bound(self, value: Bound | None = None) -> Bound:
         """Code an error bound."""
         short = value.short_code if value else -1
-        slack = self.bits(2, value.slack if value else 0)
+        slack = self.bits(3, value.slack if value else 0)
         code = self.bits(8, short if short >= 0 else _SHORT_CODES)
         if code < _SHORT_CODES:
             return Bound(10 + code % 90, code // 90 - 4, slack)
@@ -119,8 +120,8 @@ class Scale:
         return self.kind != BOUNDED
 
     def units(self, elevation_m: Floats) -> Units:
-        """Return what to encode; elevations that are not finite become 0."""
-        steps = np.where(np.isfinite(elevation_m), elevation_m, 0.0) / self.step_m
+        """Return what to encode, in whole units from the base."""
+        steps = elevation_m / self.step_m
         if self.snaps:
             return (np.rint(steps).astype(np.int64) - self.base) * STEP_UNITS
         return np.rint((steps - self.base) * STEP_UNITS).astype(np.int64)
@@ -146,8 +147,8 @@ def bounded(bound: Bound) -> Scale:
 
 def rounding_m(values_m: Floats) -> float:
     """Return the largest error that float32 makes of such values."""
-    largest = min(float(np.abs(values_m).max()), float(np.finfo(np.float32).max))
-    return float(np.spacing(np.float32(largest))) / 2
+    largest = float(np.abs(values_m).max())
+    return math.ldexp(1.0, max(math.frexp(largest)[1] - 25, -150)) if largest else 2.0**-150
 
 
 def spans_units(values_m: Floats, scale: Scale) -> bool:

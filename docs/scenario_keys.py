@@ -140,10 +140,9 @@ def _allowed(key: str, entry: dict[str, Any]) -> str:
     if choices:
         return ", ".join(f"`{choice}`" for choice in choices)
     if entry["type"] == "array":
-        pair = entry.get("prefixItems")
-        return (f"{len(pair)} of: " if pair else "list of: ") + _allowed(
-            "", entry.get("items") or pair[0]
-        )
+        several = entry.get("prefixItems", ())
+        head = f"{len(several)} of: " if several else "list of: "
+        return head + _allowed("", several[0] if several else entry["items"])
     words = {"string": "text", "boolean": "true, false", "integer": "whole number"}
     return " ".join([words.get(entry["type"], "number"), *_limits(entry)])
 

@@ -1,4 +1,4 @@
-"""Small maps and robots' minds without radio or clock, for the laws of layers, stores and sharing."""
+"""Small maps and robots without radio or clock, for the laws of layers, stores and sharing."""
 
 from collections.abc import Iterable
 

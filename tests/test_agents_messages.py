@@ -76,16 +76,16 @@ def anchors(draw: st.DrawFn) -> Anchor:
 
 @st.composite
 def digests(draw: st.DrawFn) -> Digest:
-    keys = draw(st.lists(anchor_keys, max_size=4, unique=True))
+    keys = sorted(draw(st.lists(anchor_keys, max_size=4, unique=True)))
     told = tuple((key, draw(st.integers(0, 9))) for key in keys)
     sections: list[Section] = []
     for key in keys if draw(st.booleans()) else keys[1:]:
-        tiles = sorted(draw(st.sets(st.integers(0, 200), max_size=5)))
+        tiles = sorted(draw(st.lists(st.integers(0, 200), max_size=5)))
         first = draw(st.integers(0, min(tiles, default=5)))
         last = draw(st.integers(max(tiles, default=first), 300))
         held = tuple(Held(t, draw(st.integers(0, 99)), draw(st.integers(-1, 999))) for t in tiles)
         sections.append(Section(key, first, last, held))
-    return Digest(told, tuple(sections))
+    return Digest(told, tuple(sections), draw(st.booleans()), draw(st.booleans()))
 
 
 decimetres = st.integers(-10_000, 10_000).map(lambda n: n / 10)
@@ -245,4 +245,24 @@ def test_a_digest_that_promises_billions_is_refused_at_once() -> None:
     with pytest.raises(MessageError):
         unpack_digest(bytes(out.data))
     with pytest.raises(MessageError, match="section 5"):
-        unpack_digest(bytes([0, 5, 0, 0, 0]))
+        unpack_digest(bytes([3, 5, 0, 0, 0]))
+
+
+def test_a_digest_out_of_order_is_refused() -> None:
+    keys = (AnchorKey(1, 0, 0), AnchorKey(0, 0, 0))
+    for pair in (keys, keys[:1] * 2):
+        with pytest.raises(MessageError, match="order"):
+            unpack_digest(pack_digest(Digest(tuple((key, 1) for key in pair), ())))
+
+
+def test_a_digest_speaks_of_the_run_of_submaps_that_it_names() -> None:
+    low, middle, high = (AnchorKey(robot, 0, 0) for robot in (1, 3, 5))
+    told = ((low, 1), (high, 1))
+    outside = (AnchorKey(0, 9, 9), AnchorKey(6, 0, 0))
+    for opens in (False, True):
+        for closes in (False, True):
+            digest = Digest(told, (), opens, closes)
+            assert all(digest.speaks_of(key) for key in (low, middle, high))
+            assert [digest.speaks_of(key) for key in outside] == [opens, closes]
+    assert Digest((), ()).speaks_of(low), "it has nothing at all"
+    assert not Digest((), (), opens=True, closes=False).speaks_of(low)

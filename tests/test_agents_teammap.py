@@ -6,21 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
-from agents.fusion import Gaussian, merge
-from agents.geometry import GridFrame, Pose
-from agents.layers import Anchor, LookCells, OwnLayer, slope_of
-from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
-from agents.teammap import (
-    UNIFORM,
-    Estimate,
-    TeamMap,
-    TileGrid,
-    blank,
-    fuse_origins,
-    surest,
-)
-from comms.codec import encode_tile
 from team_helpers import (
     FRAME,
     GRID,
@@ -37,6 +22,21 @@ from team_helpers import (
     team_map,
     truth_m,
 )
+
+from agents.fusion import Gaussian, merge
+from agents.geometry import GridFrame, Pose
+from agents.layers import Anchor, LookCells, OwnLayer, slope_of
+from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
+from agents.teammap import (
+    UNIFORM,
+    Estimate,
+    TeamMap,
+    TileGrid,
+    blank,
+    fuse_origins,
+    surest,
+)
+from comms.codec import encode_tile
 
 quick = settings(max_examples=25, deadline=None)
 seeds = st.integers(0, 2**32 - 1)

@@ -22,7 +22,7 @@ def _names(node: ast.AST, package: str) -> Iterator[str]:
     elif isinstance(node, ast.ImportFrom):
         yield ".".join(part for part in (package if node.level else "", node.module) if part)
     elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
-        yield from (arg.value for arg in node.args if isinstance(arg, ast.Constant))
+        yield from (str(arg.value) for arg in node.args if isinstance(arg, ast.Constant))
 
 
 def files(room: str) -> list[Path]:

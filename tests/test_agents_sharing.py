@@ -1,0 +1,398 @@
+"""What robots tell each other ends in equal stores, whatever the links do; then they are quiet."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from team_helpers import FRAME, GRID, SURE, layer, look, sharing, team_map
+
+from agents.digests import GUARD_S, LONGEST_WAIT_S
+from agents.geometry import Pose
+from agents.layers import LookCells, OwnLayer
+from agents.messages import unpack_anchor, unpack_chunks, unpack_digest
+from agents.settings import SharingSettings
+from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
+from comms.frames import Kind
+
+quick = settings(max_examples=12, deadline=None)
+seeds = st.integers(0, 2**32 - 1)
+RATE_BPS = 9600.0
+PAYLOAD_BYTES = 200
+Hears = Callable[[int, int, float], bool]
+"""Whether (sender, receiver) works at a time in seconds."""
+
+
+def always(sender: int, receiver: int, now_s: float) -> bool:
+    del sender, receiver, now_s
+    return True
+
+
+class Mind:
+    """A robot's store, layer and sharing, as `agents.robot` joins them; no body, radio or clock."""
+
+    def __init__(self, index: int, team_size: int, own: OwnLayer | None = None, **options) -> None:
+        self.me = Origin(index, 0)
+        self.team = team_map(self.me, own)
+        self.journal: list[Chunk] = []
+        self.sharing = sharing(self.team, team_size, self.journal, **options)
+        self.measured(range(len(self.team.own.submaps)))
+
+    @property
+    def store(self) -> Store:
+        return self.team.store
+
+    def measured(self, submaps) -> None:
+        for index in submaps:
+            known = self.team.own.submaps[index].known
+            self.sharing.own_tiles_changed(index, GRID.touched(known))
+        self.team.own_changed()
+
+    def take(self, sender: int, kind: Kind, payload: bytes, now_s: float) -> None:
+        if kind == Kind.ANCHOR:
+            key, anchor = unpack_anchor(payload)
+            self.store.offer_anchor(key, anchor)
+            self.team.own_changed()
+            self.sharing.heard_anchor(key, anchor.version)
+        elif kind == Kind.DIGEST:
+            self.sharing.heard_digest(sender, unpack_digest(payload), now_s)
+        else:
+            for chunk in unpack_chunks(payload, (sender, 0)):
+                changed = self.store.offer(chunk)
+                if changed:
+                    self.team.tile_changed(chunk.key)
+                self.sharing.heard_chunk(sender, chunk, changed=changed)
+
+
+@dataclass
+class Sent:
+    t_s: float
+    sender: int
+    kind: Kind
+    payload: bytes
+
+
+@dataclass
+class Gossip:
+    """A team on lossy links, told step by step; nothing else connects its minds."""
+
+    minds: dict[int, Mind]
+    hears: Hears = always
+    loss: float = 0.0
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    payload_bytes: int = PAYLOAD_BYTES
+    now_s: float = 0.0
+    sent: list[Sent] = field(default_factory=list)
+
+    def step(self) -> bool:
+        """Let everybody say one thing; return whether anybody did."""
+        said: list[Sent] = []
+        for index in sorted(self.minds):
+            chosen = self.minds[index].sharing.choose(self.now_s, self.payload_bytes, RATE_BPS)
+            if chosen is not None:
+                assert len(chosen[1]) <= self.payload_bytes
+                said.append(Sent(self.now_s, index, *chosen))
+        for frame in said:
+            for index in sorted(self.minds):
+                if index == frame.sender or not self.hears(frame.sender, index, self.now_s):
+                    continue
+                if self.rng.random() >= self.loss:
+                    self.minds[index].take(frame.sender, frame.kind, frame.payload, self.now_s)
+        self.sent += said
+        self.now_s += 8 * self.payload_bytes / RATE_BPS if said else 2 * GUARD_S
+        return bool(said)
+
+    def run(self, until_s: float) -> None:
+        while self.now_s < until_s:
+            self.step()
+
+    def run_until_equal(self, limit_s: float = 40_000.0) -> None:
+        """Go on until all have settled on the same."""
+        while self.now_s < limit_s:
+            if not self.step() and self.equal and all(m.sharing.settled() for m in self.all):
+                return
+        raise AssertionError(f"not equal: {[len(m.store.keys()) for m in self.all]}")
+
+    @property
+    def all(self) -> list[Mind]:
+        return [self.minds[index] for index in sorted(self.minds)]
+
+    @property
+    def equal(self) -> bool:
+        return len({mind.store.digest() for mind in self.all}) == 1
+
+    def kinds(self, after_s: float = -1.0) -> list[Kind]:
+        return [frame.kind for frame in self.sent if frame.t_s > after_s]
+
+    def chunks(self, sender: int | None = None) -> list[Chunk]:
+        return [
+            chunk
+            for frame in self.sent
+            if frame.kind == Kind.MAP and sender in (None, frame.sender)
+            for chunk in unpack_chunks(frame.payload, (frame.sender, 0))
+        ]
+
+
+def team(seed: int, mappers: int, size: int, **options) -> Gossip:
+    rng = np.random.default_rng(seed)
+    minds = {
+        index: Mind(index, size, layer(rng) if index < mappers else None, **options)
+        for index in range(size)
+    }
+    return Gossip(minds, rng=rng)
+
+
+def has_all_of(mind: Mind, origin: Mind) -> bool:
+    keys = [key for key in origin.store if key.origin == origin.me]
+    return bool(keys) and all(
+        (mine := mind.store.newest(key)) is not None
+        and (theirs := origin.store.newest(key)) is not None
+        and (mine.number, mine.prefix) == (theirs.number, theirs.prefix)
+        for key in keys
+    )
+
+
+# --- all in all -----------------------------------------------------------------------------
+
+
+@given(seeds, st.sampled_from([52, 120, 200, 1000]))
+@quick
+def test_when_everything_is_heard_two_robots_end_equal(seed: int, payload_bytes: int) -> None:
+    gossip = team(seed, 2, 2)
+    gossip.payload_bytes = payload_bytes
+    gossip.run_until_equal(3000.0)
+    for mind, other in (gossip.all, gossip.all[::-1]):
+        known = other.team.own.submaps[0].known
+        heard = mind.team.published_mask(other.me, 0)
+        assert not (heard & ~known).any()
+        for tile in map(GRID.window, range(GRID.count)):
+            # A few cells in the corner of a tile are not worth a frame's bytes.
+            assert np.array_equal(heard[tile], known[tile]) or np.count_nonzero(known[tile]) < 12
+
+
+@given(seeds)
+@quick
+def test_no_byte_of_a_map_is_sent_twice_where_nothing_is_lost(seed: int) -> None:
+    gossip = team(seed, 2, 3)
+    gossip.run_until_equal(3000.0)
+    sent: dict[tuple[TileKey, int], list[tuple[int, int]]] = {}
+    for chunk in gossip.chunks():
+        stretch = (chunk.offset, chunk.offset + len(chunk.data))
+        sent.setdefault((chunk.key, chunk.version), []).append(stretch)
+    for stretches in sent.values():
+        ordered = sorted(stretches)
+        assert all(a[1] <= b[0] for a, b in pairwise(ordered))
+
+
+@given(seeds, st.floats(0.05, 0.5))
+@quick
+def test_with_frames_lost_at_random_all_end_equal(seed: int, loss: float) -> None:
+    gossip = team(seed, 2, 3)
+    gossip.loss = loss
+    gossip.run_until_equal()
+
+
+@given(seeds)
+@quick
+def test_while_robots_go_on_measuring_all_end_equal(seed: int) -> None:
+    gossip = team(seed, 2, 3)
+    gossip.loss = 0.2
+    for _ in range(6):
+        gossip.run(gossip.now_s + float(gossip.rng.uniform(1, 60)))
+        mind = gossip.minds[int(gossip.rng.integers(2))]
+        if gossip.rng.random() < 0.3:
+            mind.team.own.begin_submap(Pose(16.0, 2.0, 0.0, 0.0), SURE)
+        mind.team.own.submaps[-1].observe(look(gossip.rng))
+        mind.measured([len(mind.team.own.submaps) - 1])
+    gossip.run_until_equal()
+    for mind in gossip.all[:2]:
+        for index, submap in enumerate(mind.team.own.submaps):
+            # What is left unpublished was not worth its bytes; what was heard is never more.
+            assert not (gossip.all[2].team.published_mask(mind.me, index) & ~submap.known).any()
+
+
+def test_a_team_that_has_settled_says_nothing_but_a_digest_ever_less_often() -> None:
+    gossip = team(1, 2, 3)
+    gossip.run_until_equal()
+    quiet_s = gossip.now_s
+    gossip.run(quiet_s + 3600.0)
+    assert set(gossip.kinds(quiet_s)) == {Kind.DIGEST}
+    for index in gossip.minds:
+        times = [f.t_s for f in gossip.sent if f.sender == index and f.t_s > quiet_s]
+        assert 3 <= len(times) <= 12
+        assert max(np.diff(times)) <= LONGEST_WAIT_S + 2 * GUARD_S
+
+
+def test_a_robot_with_nothing_to_tell_says_what_it_has_first_of_all() -> None:
+    gossip = team(2, 1, 2)
+    gossip.step()
+    assert [(f.sender, f.kind) for f in gossip.sent] == [(0, Kind.DIGEST), (1, Kind.DIGEST)]
+
+
+# --- relays ---------------------------------------------------------------------------------
+
+
+@given(seeds, st.sampled_from([0.0, 0.2]))
+@quick
+def test_who_hears_only_a_neighbour_gets_the_layer_of_the_one_behind(
+    seed: int, loss: float
+) -> None:
+    gossip = team(seed, 2, 3)
+    gossip.hears = lambda sender, receiver, now_s: abs(sender - receiver) == 1
+    gossip.loss = loss
+    gossip.run_until_equal()
+    assert has_all_of(gossip.minds[2], gossip.minds[0])
+    assert any(chunk.key.robot == 0 for chunk in gossip.chunks(sender=1))
+
+
+def test_a_dead_robots_layer_lives_on_and_reaches_a_latecomer() -> None:
+    gossip = team(4, 1, 3)
+    late = gossip.minds.pop(2)
+    gossip.run_until_equal()
+    dead = gossip.minds.pop(0)
+    gossip.minds[2] = late
+    gossip.run_until_equal()
+    assert has_all_of(late, dead)
+    assert late.store.anchors == dead.store.anchors
+
+
+@given(seeds, st.floats(0.0, 0.4))
+@quick
+def test_survivors_of_a_robot_that_dies_in_mid_word_end_equal(seed: int, loss: float) -> None:
+    """What one of them heard in part, and the version before it, count too."""
+    gossip = team(seed, 1, 3)
+    gossip.loss = loss
+    gossip.payload_bytes = 52
+    gossip.run(float(gossip.rng.uniform(1, 40)))
+    teller = gossip.minds[0]
+    for _ in range(3):
+        teller.team.own.submaps[0].observe(look(gossip.rng))
+    teller.measured([0])
+    gossip.run(gossip.now_s + float(gossip.rng.uniform(0, 3)))
+    gossip.minds.pop(0)
+    known = [mind.team.known_entries() for mind in gossip.all]
+    gossip.run_until_equal()
+    for mind, before in zip(gossip.all, known, strict=True):
+        assert mind.team.known_entries() >= before
+    one, other = (mind.team.fused() for mind in gossip.all)
+    assert np.array_equal(one.variance_m2, other.variance_m2)
+
+
+@given(seeds)
+@quick
+def test_a_team_that_was_parted_ends_equal_once_it_hears_again(seed: int) -> None:
+    gossip = team(seed, 4, 4)
+    gossip.hears = lambda sender, receiver, now_s: now_s > 500 or sender % 2 == receiver % 2
+    gossip.run(500.0)
+    assert gossip.minds[0].store.digest() == gossip.minds[2].store.digest()
+    assert gossip.minds[0].store.digest() != gossip.minds[1].store.digest()
+    gossip.run_until_equal()
+
+
+# --- what goes first ------------------------------------------------------------------------
+
+
+def test_what_weighs_more_for_the_task_goes_first() -> None:
+    for heavy in range(GRID.count):
+        mind = Mind(0, 2, layer(np.random.default_rng(8), looks=12))
+        mind.sharing.weight = lambda key, heavy=heavy: 100.0 if key.tile == heavy else 1.0
+        mind.measured([0])
+        gossip = Gossip({0: mind, 1: Mind(1, 2)})
+        gossip.run(60.0)
+        assert gossip.chunks()[0].key.tile == heavy
+
+
+def test_latest_first_sends_what_was_published_last_first() -> None:
+    """Where a team-mate missed several tiles, the newest goes out again before older ones."""
+    options = {"settings": SharingSettings(policy="latest-first")}
+    mind = Mind(0, 2, OwnLayer(FRAME), **options)
+    mind.team.own.begin_submap(Pose(16.0, 1.0, 0.0, 0.0), SURE)
+    gossip = Gossip({0: mind, 1: Mind(1, 2, **options)}, payload_bytes=60)
+    gossip.hears = lambda sender, receiver, now_s: now_s > 300.0
+    rng = np.random.default_rng(3)
+    order = (2, 0, 3, 1, 0, 2)
+    for place, tile in enumerate(order):
+        mind.team.own.submaps[0].observe(_look_in(rng, tile, 0.2 if place < 4 else 1e-3))
+        mind.sharing.own_tiles_changed(0, [tile])
+        gossip.run(gossip.now_s + 5.0)
+    assert [chunk.key.tile for chunk in mind.journal] == list(order)
+    gossip.run(300.0)
+    sent_in_vain = len(gossip.chunks())
+    gossip.run_until_equal()
+    again = [c.key.tile for c in gossip.chunks()[sent_in_vain:] if c.offset == 0]
+    assert again == [2, 0, 1, 3]
+
+
+def _look_in(rng: np.random.Generator, tile: int, variance_m2: float) -> LookCells:
+    rows, cols = (a.ravel() for a in np.mgrid[GRID.window(tile)])
+    some = rng.random(rows.size) < 0.7
+    count = int(some.sum())
+    return LookCells(rows[some], cols[some], rng.normal(size=count), np.full(count, variance_m2))
+
+
+# --- publishing -----------------------------------------------------------------------------
+
+
+def test_a_version_is_on_disk_before_any_of_it_is_sent_and_never_changes() -> None:
+    gossip = team(5, 1, 2)
+    mind = gossip.minds[0]
+    for _ in range(5):
+        while gossip.step():
+            journalled = {(c.key, c.version): c.data for c in mind.journal}
+            assert len(journalled) == len(mind.journal), "each version once"
+            for chunk in gossip.chunks(sender=0):
+                data = journalled[chunk.key, chunk.version]
+                assert data[chunk.offset : chunk.offset + len(chunk.data)] == chunk.data
+                assert len(data) == chunk.total
+        mind.team.own.submaps[0].observe(look(gossip.rng))
+        mind.measured([0])
+    assert max(chunk.version for chunk in mind.journal) > 1
+
+
+def test_what_can_not_be_made_durable_is_not_published() -> None:
+    class FullDiskError(Exception):
+        pass
+
+    def fail(chunk: Chunk) -> None:
+        raise FullDiskError
+
+    mind = Mind(0, 2, layer(np.random.default_rng(6)))
+    mind.sharing.journal = fail
+    assert mind.sharing.choose(0.0, PAYLOAD_BYTES, RATE_BPS) is not None, "the first digest"
+    with pytest.raises(FullDiskError):
+        mind.sharing.choose(1.0, PAYLOAD_BYTES, RATE_BPS)
+    assert (mind.store.keys(), mind.store.anchors) == ([], {})
+    mind.sharing.journal = mind.journal.append
+    assert mind.sharing.choose(2.0, PAYLOAD_BYTES, RATE_BPS) is not None
+
+
+def test_a_robot_without_team_mates_publishes_nothing() -> None:
+    mind = Mind(0, 1, layer(np.random.default_rng(7)))
+    gossip = Gossip({0: mind})
+    gossip.run(600.0)
+    assert (gossip.kinds().count(Kind.MAP), mind.journal, mind.sharing.settled()) == (0, [], True)
+
+
+def test_a_team_of_many_submaps_fits_its_digest_into_the_smallest_frame() -> None:
+    """One by one where they do not fit together: see `comms.profiles.MIN_FRAME_BYTES`."""
+    rng = np.random.default_rng(9)
+    gossip = Gossip({i: Mind(i, 2, layer(rng, 1, submaps=9)) for i in range(2)}, payload_bytes=52)
+    gossip.loss, gossip.rng = 0.1, rng
+    gossip.run_until_equal()
+    assert len(gossip.minds[0].store.anchors) == 18
+
+
+def test_an_anchor_that_was_corrected_travels_alone() -> None:
+    gossip = team(10, 1, 2)
+    gossip.run_until_equal()
+    quiet_s, key = gossip.now_s, AnchorKey(0, 0, 0)
+    teller = gossip.minds[0]
+    moved = teller.store.anchors[key].moved_to(Pose(16.5, 1.0, 0.1, 0.3), (1e-6,) * 4)
+    teller.store.offer_anchor(key, moved)
+    gossip.run(quiet_s + 30.0)
+    assert gossip.minds[1].store.anchors[key] == moved
+    assert Kind.MAP not in gossip.kinds(quiet_s - 1.0)
+    assert gossip.equal
