@@ -529,6 +529,8 @@ class Robot:
                 self._take_map(frame, now_s)
             case Kind.ANCHOR:
                 key, anchor = unpack_anchor(frame.payload)
+                mine = self.store.anchors.get(key)
+                self._check_writer(Origin(*key[:2]), anchor.version, mine and mine.version)
                 if self.store.offer_anchor(key, anchor):
                     self.team.own_changed()
                     self.map_changed_s = now_s
@@ -537,7 +539,11 @@ class Robot:
                 self.sharing.heard_digest(frame.sender, unpack_digest(frame.payload), now_s)
                 self.kick()
             case Kind.STATUS:
-                self.mates[frame.sender] = Mate(unpack_status(frame.payload), now_s)
+                status = unpack_status(frame.payload)
+                if status.activity >= len(ACTIVITIES):
+                    allowed = f"0 to {len(ACTIVITIES) - 1} are known"
+                    raise AgentError(f"activity {status.activity}; {allowed}")
+                self.mates[frame.sender] = Mate(status, now_s)
             case Kind.FIX:
                 fix = unpack_fix(frame.payload)
                 if fix.robot == self.settings.index:
@@ -556,11 +562,23 @@ class Robot:
                 raise AgentError(
                     f"tile {chunk.key.tile}: the team's map has tiles 0 to {self.grid.count - 1}"
                 )
+            mine = self.store.newest(chunk.key)
+            self._check_writer(chunk.key.origin, chunk.version, mine and mine.number)
             changed = self.store.offer(chunk)
             if changed:
                 self.team.tile_changed(chunk.key)
                 self.map_changed_s = now_s
             self.sharing.heard_chunk(frame.sender, chunk, changed=changed)
+
+    def _check_writer(self, origin: Origin, version: int, newest: int | None) -> None:
+        """Refuse what is of nobody's, and what claims to be this robot's own and news to it."""
+        if origin.robot >= len(self.settings.roster):
+            last = len(self.settings.roster) - 1
+            raise AgentError(f"a map of robot {origin.robot}; the team has robots 0 to {last}")
+        if origin == self.me and (newest is None or version > newest):
+            raise AgentError(
+                f"version {version} of this robot's own map; it has published up to {newest}"
+            )
 
     # --- life -------------------------------------------------------------------------------
 

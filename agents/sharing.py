@@ -23,8 +23,8 @@ from agents.layers import OwnLayer
 from agents.messages import CHUNK_HEADER_BYTES, Digest, pack_anchor, pack_chunks
 from agents.settings import MapSettings, SharingSettings
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey, Version
-from agents.teammap import UNIFORM, Estimate, TeamMap
-from comms.codec import EncodedTile, decode_tile, encode_tile
+from agents.teammap import UNIFORM, Estimate, TeamMap, readable
+from comms.codec import EncodedTile, encode_tile
 from comms.frames import Kind
 
 MIN_BITS_PER_BYTE = 0.5
@@ -324,7 +324,10 @@ def _steps(data: bytes, ends: tuple[int, ...], prior_sigma_m: float) -> Steps:
     """Decode a payload level by level and count the information of each."""
     bits: list[float] = []
     for end in ends:
-        tile = decode_tile(data[:end])
+        tile = readable(data[:end])
+        if tile is None:
+            bits.append(0.0)
+            continue
         variance = tile.sigma_m[tile.known].astype(np.float64) ** 2 + tile.bound_m**2 * UNIFORM
         gains = np.maximum(0.0, 0.5 * np.log2(prior_sigma_m**2 / variance))
         bits.append(float(np.sum(gains)))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from agents.geometry import Bools, Floats, GridFrame
 from agents.layers import Anchor, OwnLayer, drawn_at, slope_of
 from agents.store import AnchorKey, Origin, Store, TileKey
-from comms.codec import DecodedTile, decode_tile, sigma_as_sent
+from comms.codec import CodecError, DecodedTile, decode_tile, sigma_as_sent
 
 UNIFORM = 1.0 / 3.0
 """Variance of an error spread evenly within a bound of 1."""
@@ -168,7 +168,7 @@ class TeamMap:
             mark = (version.number, version.prefix_bytes)
             tile = cached.get(mark)
             if tile is None and version.prefix_bytes:
-                tile = decode_tile(version.prefix)
+                tile = readable(version.prefix)
             if tile is not None and tile.level >= 0:
                 fresh.append((mark, tile))
         self._decoded[key] = fresh
@@ -253,6 +253,14 @@ class TeamMap:
             frame, slope_of(drawing.elevation_m, frame.cell_m)
         )
         return Estimate(drawing.elevation_m, variance, drawing.looks)
+
+
+def readable(prefix: bytes) -> DecodedTile | None:
+    """Return what a payload's prefix tells, or None where its origin wrote no map into it."""
+    try:
+        return decode_tile(prefix)
+    except CodecError:
+        return None
 
 
 def moved(drawing: Estimate, anchor: Anchor, frame: GridFrame) -> Estimate:

@@ -7,7 +7,7 @@ from comms.blocks import block_max, spread
 from comms.errors import CodecError
 from comms.maskcode import code_mask, mask_opinions
 from comms.pyramid import BYTES_PER_CELL, Pyramid, best_profile
-from comms.rangecoder import Mark, code_words, decoder, encoder, has_run_out, is_whole
+from comms.rangecoder import Mark, code_words, decoder, encoder, is_whole
 from comms.scales import (
     RAW,
     Bound,
@@ -146,13 +146,11 @@ def _write(
 def _read(fields: Fields, length: int) -> tuple[Singles, Bools, Singles | None]:
     rows, cols = fields.bits(12) + 1, fields.bits(12) + 1
     some = fields.bits(1)
-    if has_run_out(fields.coder):
-        raise CodecError(f"{length} bytes are too short for a grid")
     if some and rows * cols * _LEAST_BITS_PER_CELL > 8 * (length + 16):
         raise CodecError(f"{length} bytes cannot hold {rows} x {cols} cells")
-    elevation_m = np.full((rows, cols), np.nan, np.float32)
     if not some:
-        return elevation_m, np.zeros((rows, cols), np.bool_), None
+        _refuse_unless_whole(fields, length, rows, cols)
+        return np.full((rows, cols), np.nan, np.float32), np.zeros((rows, cols), np.bool_), None
     if fields.bits(1):
         mask = np.ones((rows, cols), np.uint8)
     else:
@@ -162,12 +160,16 @@ def _read(fields: Fields, length: int) -> tuple[Singles, Bools, Singles | None]:
     decoded = _code_values(fields, mask, scale, None)
     known = mask.astype(np.bool_)
     codes = _code_sigma(fields, mask, None)
-    if not is_whole(fields.coder):
-        raise CodecError(f"{length} bytes are not what a grid of {rows} x {cols} cells takes")
-    elevation_m[known] = decoded[known]
+    _refuse_unless_whole(fields, length, rows, cols)
+    elevation_m = np.where(known, decoded, np.float32(np.nan))
     if codes is None:
         return elevation_m, known, None
     return elevation_m, known, np.where(known, sigma_of(codes), np.float32(np.nan))
+
+
+def _refuse_unless_whole(fields: Fields, length: int, rows: int, cols: int) -> None:
+    if not is_whole(fields.coder):
+        raise CodecError(f"{length} bytes are not what a grid of {rows} x {cols} cells takes")
 
 
 def _code_values(

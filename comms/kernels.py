@@ -7,13 +7,21 @@ starts, so that no robot ever compiles (or waits) in the middle of a mission.
 
 import hashlib
 import os
+import shutil
 import time
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import ParamSpec, TypeVar, cast
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+
+ROOT = Path(__file__).resolve().parent.parent
+ROOMS = ("comms", "agents", "sim", "scenarios")
+KEPT_CACHES = 3
+"""Compiled kernels of so many versions of the source are kept."""
 
 
 def cache_dir() -> Path:
@@ -24,7 +32,24 @@ def cache_dir() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache"))) / "ropeteam"
 
 
-os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_dir() / "numba"))
+def sources_with_kernels() -> list[Path]:
+    """Return the source files of the four rooms that hold kernels or parts of kernels."""
+    files = [path for room in ROOMS for path in sorted((ROOT / room).glob("*.py"))]
+    return [path for path in files if any(m in path.read_bytes() for m in (b"@kernel", b"@part"))]
+
+
+def _source_digest() -> str:
+    digest = hashlib.sha256(version("numba").encode())
+    for path in sources_with_kernels():
+        digest.update(path.name.encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+# Numba looks at a kernel's own file only, and would go on using one that calls into another file
+# after that has changed. So each version of the whole has a folder of its own.
+_folder = cache_dir() / f"kernels-{_source_digest()}"
+os.environ["NUMBA_CACHE_DIR"] = str(_folder)
 
 import numba  # noqa: E402  (the cache folder has to be set before numba reads its configuration)
 
@@ -51,27 +76,15 @@ def warm_all() -> float:
     return time.perf_counter() - start
 
 
-def _stamp(sources: list[Path]) -> Path:
-    digest = hashlib.sha256(str(cast("Any", numba).__version__).encode())
-    for path in sorted(sources):
-        digest.update(str(path).encode())
-        digest.update(path.read_bytes())
-    return cache_dir() / f"kernels-{digest.hexdigest()[:16]}.stamp"
-
-
-def sources_with_kernels(root: Path) -> list[Path]:
-    """Return the source files under the four rooms of `root` that define kernels."""
-    rooms = [root / room for room in ("comms", "agents", "sim", "scenarios")]
-    return [p for room in rooms for p in room.glob("*.py") if b"@kernel" in p.read_bytes()]
-
-
-def is_warm(root: Path) -> bool:
+def is_warm() -> bool:
     """Say whether the kernels of this very source were compiled on this machine before."""
-    return _stamp(sources_with_kernels(root)).exists()
+    return (_folder / "warm").exists()
 
 
-def mark_warm(root: Path) -> None:
-    """Note that the kernels of this very source are compiled."""
-    stamp = _stamp(sources_with_kernels(root))
-    stamp.parent.mkdir(parents=True, exist_ok=True)
-    stamp.touch()
+def mark_warm() -> None:
+    """Note that the kernels of this very source are compiled; drop those of long ago."""
+    _folder.mkdir(parents=True, exist_ok=True)
+    (_folder / "warm").touch()
+    others = sorted(cache_dir().glob("kernels-*"), key=lambda path: path.stat().st_mtime)
+    for old in others[:-KEPT_CACHES]:
+        shutil.rmtree(old, ignore_errors=True)

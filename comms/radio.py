@@ -144,13 +144,15 @@ class Radio:
         """Say that there may be something to send."""
         self._kicked.set()
 
-    def set_link(self, sender: str, receiver: str, profile: LinkProfile) -> None:
-        """Change a directed link from now on, if it is one of this robot's."""
+    def set_link(
+        self, sender: str, receiver: str, profile: LinkProfile, at_ns: int | None = None
+    ) -> None:
+        """Change a directed link from `at_ns` (or now) on, if it is one of this robot's."""
         if sender == self.name:
             self._transmitter.set_profile(receiver, profile)
             self.kick()
         elif receiver == self.name:
-            self._receiver.set_profile(sender, profile, now_ns())
+            self._receiver.set_profile(sender, profile, now_ns() if at_ns is None else at_ns)
 
     def send_urgent(
         self, kind: Kind, payload: bytes, key: str, until_ns: int | None = None

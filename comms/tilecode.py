@@ -43,6 +43,8 @@ Codes = NDArray[np.int64]
 LARGEST_TILE = 128
 _BYTES_WORTH_LEVELS = (60, 110, 250)
 """Sizes of a payload of one level from which 2, 3 and 4 are worth their overhead."""
+_LEAST_FIRST_SHARE = 0.05
+"""Share of the known cells that a first level has to tell."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,7 @@ def _picture(tile: Tile, bound_m: float, level: int, levels: int) -> DecodedTile
 def _encode_at(values: Floats, known: Bools, codes: Codes, bound: Bound) -> EncodedTile | None:
     """Return the payload with this bound, or None if float32 breaks it.
 
-    A level that adds no byte is left out.
+    It has fewer levels where the first would tell next to nothing, or one would add no byte.
     """
     base = round(float(np.median(values[known])) / bounded(bound).step_m) if known.any() else 0
     head = Head(known.shape, bound, 1, 0, bool(known.all()), base)
@@ -154,7 +156,8 @@ def _encode_at(values: Floats, known: Bools, codes: Codes, bound: Bound) -> Enco
             return None
         plan = plan_levels(errors_m, known, bound, levels)
         tile = write(head, [replace(truth, told=told, bound_code=code) for code, told in plan])
-        if len(set(tile.level_ends)) == levels:
+        first_share = float(plan[0][1].sum()) / max(int(known.sum()), 1)
+        if len(set(tile.level_ends)) == levels and first_share >= _LEAST_FIRST_SHARE:
             break
     return tile
 

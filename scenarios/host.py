@@ -24,7 +24,7 @@ from comms.frames import Opener, Sealer
 from comms.link import Receiver, Transmitter
 from comms.profiles import LinkProfile, least_latency_ns, resolve
 from comms.radio import Radio
-from comms.timebase import NS, sleep_until_ns, to_s
+from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.notebook import LogFile, Notebook
 from scenarios.record import EventRow, LookRow, MapRow
 from scenarios.schema import Scenario
@@ -69,12 +69,13 @@ class Outbox(Protocol):
 class HostAir:
     """The host's end of the air: what is sent goes to the outbox, what comes is handed in."""
 
-    def __init__(self, outbox: Outbox, roster: list[str], me: str, sent: int) -> None:
-        """Join a team, having sent so many packets in former lives."""
+    def __init__(self, outbox: Outbox, roster: list[str], me: str) -> None:
+        """Join a team."""
         self.outbox = outbox
         self.roster = roster
         self.me = me
-        self.sent = sent
+        self.sent = 0
+        """Packets of this life."""
         self.urgent: list[tuple[str, int]] = []
         self.lags_s: list[float] = []
         """How long after their due time packets were handed over, in seconds of the run."""
@@ -137,7 +138,7 @@ class Host:
         suffix = f"-{life}" if life else ""
         log_path = plan.folder / f"{self.name}{suffix}.mcap"
         self.notebook = Notebook(self.name, LogFile(log_path), self.now_ns)
-        self.air = HostAir(outbox, self.roster, self.name, plan.first_number)
+        self.air = HostAir(outbox, self.roster, self.name)
         self.rig = self._rig(disk)
         self.robot = Robot(
             self._agent_settings(), self.rig.hardware, disk, self, self._dice("robot", disk)
@@ -369,14 +370,20 @@ class Host:
         """Carry out one thing that happens to the world, now."""
         match command[0]:
             case "link":
-                self.happened.append(command[1])
-                for mate in self._mates():
-                    self.radio.set_link(self.name, mate, self._link(self.name, mate))
-                    self.radio.set_link(mate, self.name, self._link(mate, self.name))
+                index: int = command[1]
+                t_ns = from_s(self.scenario.timeline()[index].at_s)
+                # In its turn among the frames: those that came before are heard over the old link.
+                self.loop.post(t_ns, -1, index, lambda: self._change_link(index, t_ns), False)
             case "freeze":
                 self.motions.freeze(command[1], command[2])
             case _:
                 pass
+
+    def _change_link(self, index: int, t_ns: int) -> None:
+        self.happened.append(index)
+        for mate in self._mates():
+            self.radio.set_link(self.name, mate, self._link(self.name, mate), t_ns)
+            self.radio.set_link(mate, self.name, self._link(mate, self.name), t_ns)
 
     def report(self) -> Report:
         """Return what happened since the last report."""

@@ -14,6 +14,7 @@ import time
 from dataclasses import dataclass, replace
 from multiprocessing import connection, forkserver, get_context
 from multiprocessing.context import ForkServerProcess
+from typing import Any, cast
 
 from comms.air import Packet
 from comms.zenoh_air import Channel, Wire, open_client, open_hub
@@ -60,6 +61,12 @@ def prepare_process() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(OSError):  # where the kernel has no such thing
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    # The fork server, whose death that signal tells, lives on while anybody holds this end of its
+    # pipe; every process that it forks gets one, and so would keep itself alive.
+    server = cast("Any", forkserver)._forkserver  # there is no public name for it
+    if server._forkserver_alive_fd is not None:
+        os.close(server._forkserver_alive_fd)
+        server._forkserver_alive_fd = None
 
 
 class OnZenoh:

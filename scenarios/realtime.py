@@ -27,7 +27,7 @@ from sim.clock import ScaledLoop
 
 REPORT_S = 0.1
 """Wall seconds between two reports of a robot, and between two rounds of the runner."""
-READY_S = 0.5
+READY_S = 0.05
 """Wall seconds from the last robot's readiness to the start of the run's clock."""
 FINISH_S = 10.0
 """Wall seconds that robots have to end in order."""
@@ -47,11 +47,14 @@ def serve_real(
 ) -> Report:
     """Be one robot on the wall clock; return its last report."""
     speed = plan.scenario.clock.speed
-    loop = ScaledLoop(plan.epoch_s, speed)
+    loop = ScaledLoop(speed)
+    if plan.epoch_s is not None:
+        loop.begin(plan.epoch_s)
     asyncio.set_event_loop(loop)
     host = Host(plan, loop, outbox)
     outbox.life = host.robot.me.incarnation
     own = f"{plan.name}#{outbox.life}"
+    begun: asyncio.Future[float] = loop.create_future()
     done: asyncio.Future[None] = loop.create_future()
 
     def heard(key: str, data: bytes) -> None:
@@ -62,19 +65,29 @@ def serve_real(
         del key
         grant = Grant.from_wire(data)
         host.take(grant, [])
-        if any(command[0] == "finish" for command in grant.commands) and not done.done():
-            done.set_result(None)
+        for command in grant.commands:
+            if command[0] == "begin" and not begun.done():
+                begun.set_result(command[1])
+            if command[0] == "finish" and not done.done():
+                done.set_result(None)
 
     wire.listen("team/**", heard, loop.call_soon_threadsafe)
     wire.listen(f"world/grant/{plan.name}", told, loop.call_soon_threadsafe)
 
-    async def live() -> None:
+    def report() -> None:
         wire.put(f"world/report/{plan.name}", host.report().to_wire())
-        await asyncio.sleep(max(0.0, -loop.time()))
-        host.start()
+
+    async def live() -> None:
+        report()
+        if plan.epoch_s is None:
+            await asyncio.wait([begun, done], return_when=asyncio.FIRST_COMPLETED)
+            if begun.done():
+                loop.begin(begun.result())
+        if not done.done():
+            host.start()
         while not done.done():
             await asyncio.wait([done], timeout=REPORT_S * speed)
-            wire.put(f"world/report/{plan.name}", host.report().to_wire())
+            report()
 
     loop.run_until_complete(live())
     return host.finish(host.now_ns())
@@ -92,6 +105,7 @@ class RealMemoryCrew:
         self._hosts: dict[str, Host] = {}
         self._stopped: set[str] = set()
         self._loop: ScaledLoop | None = None
+        self._begun = False
         self._reports: deque[Report] = deque()
         self._told_s = 0.0
 
@@ -99,11 +113,13 @@ class RealMemoryCrew:
         """Bring robots to life."""
         for plan in plans:
             if self._loop is None:
-                self._loop = ScaledLoop(plan.epoch_s, plan.scenario.clock.speed)
+                self._loop = ScaledLoop(plan.scenario.clock.speed)
             host = Host(plan, self._loop, _Everybody(self, plan.name))
             self._hosts[plan.name] = host
             self.costs.setdefault(plan.name, Cost())
-            host.start()
+            self._reports.append(host.report())
+            if plan.epoch_s is not None:
+                host.start()
 
     def carry(self, sender: str, packet: Packet) -> None:
         """Bring a packet to all but its sender."""
@@ -115,9 +131,14 @@ class RealMemoryCrew:
         """Tell a robot what is new."""
         host = self._hosts[name]
         host.take(grant, [])
+        begun = [command[1] for command in grant.commands if command[0] == "begin"]
+        if begun and self._loop is not None:
+            self._loop.begin(begun[0])
+            self._begun = True
+            host.start()
         if any(command[0] == "finish" for command in grant.commands):
             self._reports.append(host.finish(host.now_ns()))
-            self._hosts.pop(name).abandon()
+            self.kill(name)
 
     def next_report(self, waiting: list[str]) -> Report | Obituary:
         """Return the next report, as `poll` does, but wait for it."""
@@ -129,7 +150,7 @@ class RealMemoryCrew:
 
     def poll(self) -> Report | Obituary | None:
         """Let the robots run for a moment; return a report, if one is due."""
-        if not self._reports and self._loop is not None and self._hosts:
+        if not self._reports and self._loop is not None and self._hosts and self._begun:
             speed = next(iter(self._hosts.values())).scenario.clock.speed
             before = cpu_s()
             self._loop.run_until_complete(asyncio.sleep(0.005 * speed))
@@ -162,6 +183,7 @@ class RealMemoryCrew:
         for name in list(self._hosts):
             self.kill(name)
         if self._loop is not None:
+            self._loop.run_until_complete(asyncio.sleep(0))  # what was cancelled ends
             self._loop.close()
 
 
@@ -183,7 +205,8 @@ class RealRun(Play):
         """Take the stage; nothing runs yet."""
         super().__init__(stage, out, crew, view)
         self._speed = stage.scenario.clock.speed
-        self._epoch_s = 0.0
+        self._epoch_s: float | None = None
+        self._up: set[str] = set()
         self._end_ns: int | None = None
 
     @property
@@ -191,17 +214,20 @@ class RealRun(Play):
         """The run's time; it stands still once the run is over."""
         if self._end_ns is not None:
             return self._end_ns
-        if self._epoch_s == 0.0:
+        if self._epoch_s is None:
             return 0
         return max(0, round((time.monotonic() - self._epoch_s) * self._speed * NS))
 
     def play(self) -> None:
         """Run until the mission is over and the maps have settled, or to the limit."""
-        names = self.open_agenda()
-        # Processes take a moment to come up; the clock starts once all can be there.
-        self._epoch_s = time.monotonic() + READY_S + 0.05 * len(names)
-        self.bring_up(names)
-        self.first_grant_s = time.perf_counter() + max(0.0, self._epoch_s - time.monotonic())
+        self.bring_up(self.open_agenda())
+        while self._news.keys() - self._up and not self.ending:
+            self._listen()  # the clock starts once all are there
+        epoch_s = time.monotonic() + READY_S
+        for name in list(self._news):
+            self.crew.grant(name, Grant(0, commands=[("begin", epoch_s)]))
+        self._epoch_s = epoch_s
+        self.first_grant_s = time.perf_counter() + READY_S
         while not self.ending:
             self._listen()
             self.keep_appointments()
@@ -221,6 +247,7 @@ class RealRun(Play):
         """Take all reports that have come."""
         told = self.crew.poll()
         while told is not None:
+            self._up.add(told.name)
             self.take(told)
             told = self.crew.poll()
 

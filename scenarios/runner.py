@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-import scenarios
 from comms import kernels
 from comms.timebase import to_s
 from scenarios import folder
@@ -29,8 +28,6 @@ from scenarios.schema import Scenario, dump
 from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
 from scenarios.virtual import VirtualRun
-
-ROOT = Path(scenarios.__file__).parent.parent
 
 
 @dataclass(frozen=True)
@@ -150,10 +147,10 @@ def _write_up(play: Play, view: LiveView, started_s: float, compile_s: float) ->
 
 def _compile(view: LiveView) -> float:
     """Compile the kernels, where this source was never run on this machine."""
-    if kernels.is_warm(ROOT):
+    if kernels.is_warm():
         return 0.0
     view.say("Compiling kernels: once on this machine, about a minute ...")
     start_s = time.perf_counter()
     importlib.import_module("scenarios.preload")  # it imports every kernel, and warms it
-    kernels.mark_warm(ROOT)
+    kernels.mark_warm()
     return time.perf_counter() - start_s

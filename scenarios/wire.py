@@ -41,8 +41,8 @@ class Plan:
     """Indices (in the timeline) of the link events that have happened."""
     endpoint: str = ""
     """Where the runner's Zenoh router listens; empty in the one-process form."""
-    epoch_s: float = 0.0
-    """On the real clock: monotonic time of the run's start."""
+    epoch_s: float | None = None
+    """On the real clock: monotonic time of the run's start; None: it will be told ("begin")."""
 
 
 @dataclass
@@ -55,7 +55,8 @@ class Grant:
     """Packets to have taken, by sender, before anything runs."""
     segments: list[Any] = field(default_factory=list[Any])
     commands: list[Any] = field(default_factory=list[Any])
-    """("link", index in the timeline), ("freeze", robot, t_ns) or ("finish",)."""
+    """("link", index in the timeline), ("freeze", robot, t_ns), ("begin", epoch_s)
+    on the real clock, or ("finish",)."""
 
     def to_wire(self) -> bytes:
         """Return the grant as MessagePack bytes."""

@@ -180,19 +180,24 @@ class _ScaledSelector(selectors.DefaultSelector):
 class ScaledLoop(asyncio.SelectorEventLoop):
     """An ordinary event loop whose seconds pass `speed` times as fast as the wall's.
 
-    `epoch_s` is the monotonic time at which the run's clock stood at zero; processes of one
-    machine that are given the same epoch agree about the time.
+    Processes of one machine that begin at the same monotonic time agree about the run's time.
     """
 
-    def __init__(self, epoch_s: float, speed: float) -> None:
-        """Make a loop whose clock starts at zero at monotonic time `epoch_s`."""
-        super().__init__(_ScaledSelector(speed))
-        self._epoch_s = epoch_s
+    def __init__(self, speed: float) -> None:
+        """Make a loop whose clock stands at zero until it begins."""
+        self._epoch_s: float | None = None
         self._speed = speed
+        super().__init__(_ScaledSelector(speed))
+
+    def begin(self, epoch_s: float) -> None:
+        """Let the clock run; up to monotonic time `epoch_s` it shows zero."""
+        self._epoch_s = epoch_s
 
     def time(self) -> float:
         """Return the seconds of the run."""
-        return (time.monotonic() - self._epoch_s) * self._speed
+        if self._epoch_s is None:
+            return 0.0
+        return max(0.0, (time.monotonic() - self._epoch_s) * self._speed)
 
     def post(
         self,
@@ -202,10 +207,9 @@ class ScaledLoop(asyncio.SelectorEventLoop):
         callback: Callable[[], None],
         wake: bool,
     ) -> None:
-        """Deliver something from outside at its time (or now, if that has passed)."""
-        del (
-            source_index,
-            number,
-            wake,
-        )  # the wall clock orders what arrives, and every arrival wakes
+        """Deliver something from outside at its time (or now, if that has passed).
+
+        The wall clock orders what arrives, and every arrival wakes.
+        """
+        del source_index, number, wake
         self.call_at(arrive_ns / NS, callback)

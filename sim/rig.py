@@ -9,10 +9,10 @@ import numpy as np
 from agents.geometry import Pose
 from agents.ports import Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
-from sim.rover import RoverBody
 from sim.camera import RangeCamera
 from sim.ground import Terrain
 from sim.motion import Motions, Segment
+from sim.rover import RoverBody
 from sim.tethered import TetheredBody
 from sim.winch import SimWinch
 

@@ -217,7 +217,6 @@ def test_with_the_radios_off_nobody_knows_of_anybody(tmp_path: Path) -> None:
         assert told["team_cells"] == told["own_cells"] > 0
         assert {key.robot for key in robot.store} <= {robot.me.robot}
         assert robot.mates == {}
-    assert not ran.summary["team"]["maps_equal"]
 
 
 def test_a_robot_alone_sees_what_it_sees_in_a_team_whose_radios_are_off(tmp_path: Path) -> None:
@@ -260,7 +259,7 @@ def test_a_robot_that_dies_by_itself_is_named_and_the_run_ends_in_order(tmp_path
         while time.monotonic() < deadline_s:
             victims = [c for c in active_children() if c.name == "recon"]
             logged = tmp_path / "run" / "recon.mcap"
-            if victims and logged.is_file() and logged.stat().st_size > 40_000:
+            if victims and logged.is_file() and logged.stat().st_size > 10_000:
                 os.kill(victims[0].pid or 0, signal.SIGKILL)
                 return
             time.sleep(0.002)
@@ -291,7 +290,7 @@ def test_a_robot_that_hangs_does_nothing_and_then_goes_on_where_it_was(tmp_path:
     assert max(begun) > 130.0
     looks = [x["t_s"] for x in ran.table("looks") if x["robot"] == "explorer-1"]
     assert not [t for t in looks if 60.0 < t < 130.0]
-    assert len(looks) >= 10
+    assert max(looks) > 130.0
     assert ran.robot("explorer-1")["state"] == "alive"
     assert len(ran.digests()) == 1
 
@@ -300,7 +299,8 @@ def test_a_robot_that_hangs_for_ever_holds_nobody_up(tmp_path: Path) -> None:
     events = [{"at_s": 60.0, "stop": "explorer-1"}]
     ran = run_of(small("pair", "air=zenoh", "limit_s=500", events=events), tmp_path / "hang")
     assert ran.robot("explorer-1")["state"] == "stopped"
-    assert ran.robot("explorer-2")["looks"] >= 10
+    assert ran.robot("explorer-2")["looks"] > 6
+    assert max(x["t_s"] for x in ran.table("looks") if x["robot"] == "explorer-1") <= 60.0
     assert children_of(_fork_server()) == []
 
 
@@ -362,6 +362,14 @@ def ropeteam(*arguments: str, **options) -> subprocess.Popen[str]:
     return subprocess.Popen(command, cwd=ROOT, start_new_session=True, **pipes, **options)
 
 
+def all_gone(session: int) -> bool:
+    """Say whether a program's processes are gone; the fork server sees its end a moment later."""
+    deadline_s = time.monotonic() + 5.0
+    while session_of(session) and time.monotonic() < deadline_s:
+        time.sleep(0.02)
+    return session_of(session) == []
+
+
 def small_file(folder: Path, *overrides: str) -> str:
     path = folder / "small.toml"
     path.write_text(runner.dump(small("pair", *overrides)))
@@ -376,7 +384,7 @@ def test_a_run_says_nothing_on_stderr_and_leaves_nobody_behind(tmp_path: Path, a
     )
     stdout, stderr = process.communicate(timeout=60)
     assert (process.returncode, stdout, stderr) == (0, "", "")
-    assert session_of(process.pid) == []
+    assert all_gone(process.pid)
     assert json.loads((out / "summary.json").read_text())["schema"] == 1
     assert (out / "overview.png").stat().st_size > 10_000
 
@@ -396,7 +404,7 @@ def test_ctrl_c_ends_the_run_in_order_and_keeps_its_records(tmp_path: Path, air:
     _, stderr = process.communicate(timeout=60)
     assert process.returncode == 130
     assert stderr == "interrupted\n"
-    assert session_of(process.pid) == []
+    assert all_gone(process.pid)
     summary = json.loads((out / "summary.json").read_text())
     assert summary["outcome_reason"].startswith("interrupted by the user")
     assert 0 < summary["simulated_s"] < 7000
@@ -411,11 +419,11 @@ def test_a_runner_that_is_killed_takes_its_robots_along(tmp_path: Path) -> None:
     deadline_s = time.monotonic() + 60
     while not log.is_file() and time.monotonic() < deadline_s:
         time.sleep(0.01)
+    assert len(session_of(process.pid)) > 2
     process.kill()
+    process.wait()
+    assert all_gone(process.pid)
     process.communicate()
-    while session_of(process.pid) and time.monotonic() < deadline_s:
-        time.sleep(0.05)
-    assert session_of(process.pid) == []
 
 
 # --- real ground ----------------------------------------------------------------------------

@@ -419,7 +419,9 @@ def test_an_hour_takes_no_hour() -> None:
 
 def test_a_scaled_loop_keeps_the_wall_clocks_time_times_its_speed() -> None:
     epoch_s = time.monotonic()
-    loop = ScaledLoop(epoch_s, 50.0)
+    loop = ScaledLoop(50.0)
+    assert loop.time() == 0.0
+    loop.begin(epoch_s)
     happened: list[float] = []
     loop.post(round(1.5 * NS), 0, 0, lambda: happened.append(loop.time()), wake=False)
     loop.run_until_complete(asyncio.sleep(3.0))

@@ -1,0 +1,160 @@
+"""Laws of the whole house: what holds for any team, whatever befalls it."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robot_helpers import NS, PAYLOAD_BYTES, hear, measure, robot_on, save
+from team_helpers import FRAME, GRID, look
+
+from agents.robot import Robot
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("comms", "agents", "sim", "scenarios")
+"""Each may import itself and what stands before it."""
+MAPPERS = 2
+TEAM = 3
+
+
+# --- a team under misfortune ----------------------------------------------------------------
+
+
+class Team:
+    """Robots on folders, who hear each other through lossy air; they die and come back."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.folder = folder
+        self.rng = np.random.default_rng(seed)
+        self.robots: dict[int, Robot] = {}
+        self.measured = np.zeros(FRAME.shape)
+        self.now_s = 0.0
+        for index in range(TEAM):
+            self.restart(index)
+
+    def restart(self, index: int) -> None:
+        self.robots[index] = robot_on(self.folder / str(index), index)
+
+    def look(self, index: int) -> None:
+        cells = look(self.rng)
+        self.measured[cells.rows, cells.cols] += 1.0 / cells.variance_m2
+        measure(self.robots[index], cells)
+        save(self.robots[index])
+
+    def exchange(self, rounds: int, loss: float, deaf: int | None = None) -> bool:
+        """Let all send so many frames each; return whether they have come to rest."""
+        quiet = False
+        for _ in range(rounds):
+            said = [
+                (index, robot.me.incarnation, robot.choose_frame(self.t_ns, PAYLOAD_BYTES))
+                for index, robot in self.robots.items()
+            ]
+            quiet = all(outgoing is None for *_, outgoing in said)
+            self.now_s += 10.0 if quiet else 0.2
+            for sender, life, outgoing in said:
+                for index, robot in self.robots.items():
+                    if outgoing is None or sender == index or deaf in (sender, index):
+                        continue
+                    if self.rng.random() >= loss:
+                        hear(robot, outgoing.kind, outgoing.payload, sender, self.now_s, life)
+            if quiet and self.is_settled:
+                return True
+        return False
+
+    @property
+    def t_ns(self) -> int:
+        return round(self.now_s * NS)
+
+    @property
+    def digests(self) -> set[str]:
+        return {robot.store.digest() for robot in self.robots.values()}
+
+    @property
+    def is_settled(self) -> bool:
+        settled = all(robot.sharing.settled() for robot in self.robots.values())
+        return settled and len(self.digests) == 1
+
+
+deeds = st.lists(
+    st.tuples(
+        st.sampled_from(["look", "look", "talk", "talk", "die", "part"]),
+        st.integers(0, TEAM - 1),
+        st.integers(1, 25),
+    ),
+    min_size=4,
+    max_size=12,
+)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.15, 0.4]), deeds)
+@settings(max_examples=25, deadline=None)
+def test_whatever_befalls_a_team_its_maps_end_equal_and_true(
+    tmp_path_factory: pytest.TempPathFactory,
+    seed: int,
+    loss: float,
+    planned: list[tuple[str, int, int]],
+) -> None:
+    team = Team(tmp_path_factory.mktemp("team"), seed)
+    for deed, index, count in planned:
+        if deed == "look":
+            team.look(index % MAPPERS)
+        elif deed == "die":
+            team.restart(index)
+        else:
+            team.exchange(count, loss, deaf=index if deed == "part" else None)
+        for robot in team.robots.values():
+            fused = robot.team.fused()
+            assert np.all(1.0 / fused.variance_m2 <= team.measured * (1 + 1e-9)), "counted twice"
+    assert team.exchange(6000, loss), "they never come to rest"
+    for robot in team.robots.values():
+        fused = robot.team.fused()
+        assert np.all(1.0 / fused.variance_m2 <= team.measured * (1 + 1e-9))
+        assert not (fused.known & (team.measured == 0)).any()
+    listener = team.robots[TEAM - 1].team.fused()
+    for tile in map(GRID.window, range(GRID.count)):
+        missing = np.count_nonzero((team.measured[tile] > 0) & ~listener.known[tile])
+        assert missing < 24, "only what is not worth its bytes stays with its robot"
+
+
+# --- the house ------------------------------------------------------------------------------
+
+
+def imports_of(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            yield node.module or ""
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_rooms_import_in_one_direction_only(room: str) -> None:
+    allowed = ROOMS[: ROOMS.index(room) + 1]
+    files = sorted((ROOT / room).glob("**/*.py"))
+    assert files
+    for path in files:
+        for name in imports_of(path):
+            top = name.split(".")[0]
+            assert top not in ROOMS or top in allowed, f"{path} imports {name}"
+
+
+def test_only_one_file_knows_zenoh() -> None:
+    knowing = {
+        path.name
+        for room in ROOMS
+        for path in (ROOT / room).glob("**/*.py")
+        if any(name.split(".")[0] == "zenoh" for name in imports_of(path))
+    }
+    assert knowing == {"zenoh_air.py"}
+
+
+@pytest.mark.parametrize("module", ["random", "secrets", "uuid", "datetime"])
+def test_no_other_source_of_chance_or_time_is_used(module: str) -> None:
+    """Chance comes from numpy generators that are handed in, time from the running loop."""
+    for room in ("comms", "agents", "sim"):
+        for path in (ROOT / room).glob("**/*.py"):
+            assert module not in {name.split(".")[0] for name in imports_of(path)}, path
