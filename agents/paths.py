@@ -14,6 +14,10 @@ CLEARANCE_WEIGHT = 3.0
 """By how much a cell beside a hazard costs more than open ground."""
 DOUBT_WEIGHT = 20.0
 """By how much ground costs more that is all as rough as a hazard, but within the map's noise."""
+SURE_ON_TETHERS = 0.5
+"""Ground whose sigma exceeds this share of a wheel may hide rocks: no tethered robot goes there."""
+LOW_ON_TETHERS = 0.8
+"""On tethers, what stands out by this share of a wheel is a rock, though it might be noise."""
 LEG_EXCESS = 1.02
 """A straight leg may cost that much more than the grid path it replaces: it is smoother."""
 
@@ -226,7 +230,7 @@ def traversability(
     Without a tether: forbidden are slopes over the footprint steeper than `max_slope_deg`. On
     tethers (the Cliff-bot) a steep smooth face is allowed. For both are forbidden: rocks and
     ledges higher than half a wheel, cells unknown farther than one wheel from measured ground,
-    ground whose sigma exceeds a wheel (on tethers half of one: there rocks must be seen), and
+    ground whose sigma exceeds a wheel (on tethers half of one: rocks must be seen), and
     whatever is nearer than half a footprint to one of these; up to one footprint farther the cost
     rises towards the hazard (by up to 3). Ground that is rough under the footprint, but not surely
     a hazard, costs up to 20 more: a way round is worth it.
@@ -242,8 +246,11 @@ def traversability(
     sigma = np.where(known, sigma_m, 0.0)
     rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma)
     # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
-    unsure = surface.mean_over(sigma, 3) > (0.5 if tethered else 1.0) * wheel_m
+    unsure = surface.mean_over(sigma, 3) > (SURE_ON_TETHERS if tethered else 1.0) * wheel_m
     blocked = rough.hazard | (known & unsure)
+    if tethered:
+        standing_m = surface.standing_out(whole, wheel_m, footprint_m, cell_m)
+        blocked |= standing_m > LOW_ON_TETHERS * wheel_m
     blocked |= markov.distance_to_known_m(known, cell_m) > wheel_m
     cost = _with_clearance(blocked, footprint_m, cell_m)
     cost += DOUBT_WEIGHT * surface.mean_over(rough.doubt, surface.odd_cells(footprint_m, cell_m))

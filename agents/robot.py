@@ -215,6 +215,7 @@ class Robot:
         for chunk in recovered.chunks:
             self.store.offer(chunk)
             self.team.tile_changed(chunk.key)
+            self.sharing.recovered(chunk.key)
         for key, anchor in recovered.anchors.items():
             self.store.offer_anchor(key, anchor)
         for origin, index, submap in recovered.submaps:

@@ -19,6 +19,8 @@ STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
 GOAL_M = 1.0
 """The Cliff-bot has arrived when it stands this near its goal: the goal itself may be barred."""
+CLEARANCE_M = 0.1
+"""Room that the Cliff-bot leaves to hazards besides its own: it knows its place no better."""
 SLACK_M = 0.05
 COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
@@ -185,7 +187,7 @@ def safe_path(
         elevation_m,
         sigma_m,
         cell_m=settings.map.cell_m,
-        footprint_m=drive.footprint_m,
+        footprint_m=drive.footprint_m + 2 * CLEARANCE_M,
         wheel_m=drive.wheel_m,
         max_slope_deg=drive.max_slope_deg,
         tethered=True,

@@ -111,6 +111,12 @@ class Sharing:
             self._stale.add(TileKey(self.me.robot, self.me.incarnation, submap, tile))
         self.clock.changed()
 
+    def recovered(self, key: TileKey) -> None:
+        """Note that a tile of a former life is here, from disk; nobody may have heard of it."""
+        self._stale.add(key)
+        self._news_came(key)
+        self.teller.changed(key)
+
     def heard_chunk(self, sender: int, chunk: Chunk, *, changed: bool) -> None:
         """Note that a team-mate sent a chunk: it has it, and all others heard it too."""
         del sender

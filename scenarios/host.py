@@ -336,7 +336,7 @@ class Host:
             "own_cells": own,
             "team_cells": known,
             "digest": self.robot.store.digest(),
-            "settled": self.robot.settled,
+            "settled": self._is_settled(),
             "sent_bytes": self.radio.traffic.sent_bytes,
             "received_bytes": self.radio.traffic.received_bytes,
             "airtime_s": to_s(self.radio.traffic.airtime_ns),
@@ -345,6 +345,11 @@ class Host:
             "dropped": dict(sorted(self.radio.dropped.items())),
             "hazards": self.rig.hazards_hit(),
         }
+
+    def _is_settled(self) -> bool:
+        """Say whether its work is done, and nothing is left unsent that anybody could hear."""
+        nobody_hears = self.radio.payload_bytes == 0
+        return self.robot.finished if nobody_hears else self.robot.settled
 
     # --- time -------------------------------------------------------------------------------
 

@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from team_helpers import FRAME, GRID, SURE, layer, look, sharing, team_map
+from team_helpers import FRAME, GRID, SURE, chunks_of, cut, layer, look, sharing, team_map
 
 from agents.digests import GUARD_S, LONGEST_WAIT_S
 from agents.geometry import Pose
 from agents.layers import LookCells, OwnLayer
-from agents.messages import unpack_anchor, unpack_chunks, unpack_digest
+from agents.messages import (
+    pack_anchor,
+    pack_chunks,
+    unpack_anchor,
+    unpack_chunks,
+    unpack_digest,
+)
 from agents.settings import SharingSettings
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
 from comms.frames import Kind
@@ -279,6 +285,27 @@ def test_survivors_of_a_robot_that_dies_in_mid_word_end_equal(seed: int, loss: f
         assert mind.team.known_entries() >= before
     one, other = (mind.team.fused() for mind in gossip.all)
     assert np.array_equal(one.variance_m2, other.variance_m2)
+
+
+def test_an_older_version_is_told_as_long_as_the_newer_one_is_here_in_part() -> None:
+    """Its origin died while it sent the newer one: what is left is told to a latecomer, once."""
+    own = layer(np.random.default_rng(12), looks=6)
+    older = chunks_of(own, Origin(0, 0), version=1)
+    own.submaps[0].observe(look(np.random.default_rng(13)))
+    newer = chunks_of(own, Origin(0, 0), version=2)
+    witness, late = Mind(1, 3), Mind(2, 3)
+    witness.take(0, Kind.ANCHOR, pack_anchor(AnchorKey(0, 0, 0), own.submaps[0].anchor), 0.0)
+    heard = [*older, *(cut(chunk, 2 * chunk.total // 3)[0] for chunk in newer)]
+    for chunk in heard:
+        witness.take(0, Kind.MAP, pack_chunks([chunk], (0, 0)), 0.0)
+    assert any(len(witness.store.versions(chunk.key)) == 2 for chunk in older)
+    gossip = Gossip({1: witness, 2: late}, loss=0.2)
+    gossip.run_until_equal()
+    one, other = witness.team.fused(), late.team.fused()
+    assert np.array_equal(one.variance_m2, other.variance_m2)
+    quiet_s = gossip.now_s
+    gossip.run(quiet_s + 3000.0)
+    assert set(gossip.kinds(quiet_s)) == {Kind.DIGEST}, "it is not told again and again"
 
 
 @given(seeds)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from robot_helpers import NS, PAYLOAD_BYTES, hear, measure, robot_on, save
 from team_helpers import FRAME, GRID, look
@@ -89,6 +89,7 @@ deeds = st.lists(
 )
 
 
+@example(0, 0.0, [("look", 0, 1), ("look", 0, 1), ("part", 0, 3), ("die", 0, 1)])
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.15, 0.4]), deeds)
 @settings(max_examples=25, deadline=None)
 def test_whatever_befalls_a_team_its_maps_end_equal_and_true(
