@@ -171,7 +171,7 @@ def test_a_wrong_type_or_an_impossible_value_is_refused_everywhere(name: str, wr
         (["seed=true"], ["seed = true"]),
         (["seed=1.5"], ["seed = 1.5"]),
         (["clock.speed=3"], ["clock.speed", "--clock real"]),
-        (["sensor.near_m=13"], ["sensor.near_m", "below sensor.range_m = 10"]),
+        (["sensor.near_m=13"], ["sensor.near_m", "below sensor.range_m = 12"]),
         (["robots.cliffbot.role=recon"], ["exactly two anchors"]),
         (["robots.anchor-left.role=recon"], ["exactly two anchors"]),
         (["robots.recon.role=cliffbot"], ["nobody maps", "at most one cliffbot"]),

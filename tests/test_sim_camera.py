@@ -22,7 +22,7 @@ from sim.ground import Terrain
 from sim.sighting import sighting_covariance
 from sim.terrain import TerrainSettings, WorldSettings, make_terrain
 
-EXACT = SensorSettings(noise_s=0.0, attitude_sigma_deg=0.0)
+EXACT = SensorSettings(height_m=1.4, range_m=10.0, noise_s=0.0, attitude_sigma_deg=0.0)
 HERE = Pose(10.0, 10.0, 0.0, 0.0)
 
 
