@@ -257,6 +257,11 @@ class DigestClock:
         self._wait_s = FIRST_WAIT_S
         self._due_s = min(self._due_s, self._sent_s + max(self._pause_s, FIRST_WAIT_S))
 
+    def newcomer(self) -> None:
+        """Note that a team-mate has come (back): it must hear soon what need not be sent to all."""
+        self._wait_s = FIRST_WAIT_S
+        self._due_s = min(self._due_s, self._sent_s + self._pause_s)
+
     def due(self, now_s: float) -> bool:
         """Say whether a digest is due."""
         return now_s >= self._due_s

@@ -162,6 +162,8 @@ class Robot:
         self.filter = PoseFilter(settings.start, settings.start_covariance)
         self.mates: dict[int, Mate] = {}
         self.inbox = Inbox()
+        self._lives: dict[int, int] = {}
+        """Incarnation last heard, by robot."""
         self.activity = "starting"
         self.claim: tuple[float, float, float] | None = None
         self.finished = False
@@ -272,7 +274,7 @@ class Robot:
             expected_visibility, self.view(), self.pose, pan_rad, tilt_rad
         )
         self.localise(exposure)
-        self.fuse(exposure, expected)
+        await self.fuse(exposure, expected)
         self.looks += 1
         await self.save()
 
@@ -326,7 +328,7 @@ class Robot:
         pan_rad = wrap_angle(math.atan2(dy, dx) - self.pose.yaw_rad)
         return distance_m, pan_rad, math.atan2(up_m, max(distance_m, 0.1))
 
-    def fuse(self, exposure: Exposure, expected: Singles) -> None:
+    async def fuse(self, exposure: Exposure, expected: Singles) -> None:
         """Fuse one look into the own layer (Eqs. 19-21), and lose interest in what failed."""
         covariance = self.filter.covariance
         cell_m = self.settings.map.cell_m
@@ -335,7 +337,8 @@ class Robot:
         index = len(self.own.submaps) - 1
         submap = self.own.submaps[index]
         known_before = self.team.fused().known
-        cells = bin_look(
+        cells = await asyncio.to_thread(
+            bin_look,
             exposure,
             self.pose,
             self.settings.frame,
@@ -525,6 +528,10 @@ class Robot:
             self.log.event("refused", f"{frame.kind.name} of {sender}: {error}")
 
     def _take(self, frame: Frame, now_s: float) -> None:
+        if self._lives.get(frame.sender) != frame.incarnation:
+            self._lives[frame.sender] = frame.incarnation
+            self.sharing.clock.newcomer()
+            self.kick()
         match frame.kind:
             case Kind.MAP:
                 self._take_map(frame, now_s)
