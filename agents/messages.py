@@ -321,7 +321,7 @@ class Status:
     pose: Pose
     variance: Variance
     activity: int
-    """Index into `agents.robot.ACTIVITIES`."""
+    """Index into `agents.briefing.ACTIVITIES`."""
     claim: tuple[float, float, float] | None = None
     """Where it is going to look: centre x, y and radius, metres."""
     tether_m: float = 0.0

@@ -7,132 +7,26 @@ team-mates through its radio, and time through asyncio; there is nothing else.
 
 import asyncio
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
-from agents.disk import Disk, DiskError, Recovered
-from agents.errors import AgentError
-from agents.fusion import PoseFilter, compose
-from agents.geometry import Bools, Floats, GridFrame, Pose, Singles, wrap_angle
+from agents.briefing import AgentSettings, RobotLog
+from agents.disk import Disk
+from agents.fusion import compose
+from agents.geometry import Floats, Pose, Singles, wrap_angle
 from agents.information import Interest
-from agents.layers import OwnLayer, bin_look
-from agents.messages import (
-    Fix,
-    Status,
-    TetherCommand,
-    pack_fix,
-    pack_status,
-    unpack_anchor,
-    unpack_chunks,
-    unpack_digest,
-    unpack_fix,
-    unpack_status,
-    unpack_tethers,
-)
+from agents.layers import bin_look
+from agents.member import GATE, LEG_M, Member
+from agents.messages import Fix, Status
 from agents.ports import Exposure, Hardware, Sighting
-from agents.scene import WISHED
-from agents.settings import (
-    DriveSettings,
-    MapSettings,
-    PlannerSettings,
-    SensorSettings,
-    SharingSettings,
-    TetherSettings,
-)
-from agents.sharing import Sharing
-from agents.store import AnchorKey, Origin, Store, TileKey
 from agents.strategies import LookPlan, View, expected_visibility, strategy
-from agents.teammap import TeamMap, TileGrid
-from comms.errors import CommsError
-from comms.frames import Frame, Kind
-from comms.radio import Outgoing
 
-ACTIVITIES = ("starting", "exploring", "waiting", "descending", "holding", "watching", "done")
-"""What a robot may be doing, as its status says by number."""
-GATE = 25.0
-"""Innovations beyond this (chi-squared, 4 degrees of freedom: 5e-5) are not believed."""
-KEEP_ALIVE_S = 60.0
-"""A robot of which nothing changes says so this often."""
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
-LEG_M = 1.0
-"""A drive is cut in legs of at most this, each measured by itself."""
 
 
-@dataclass(frozen=True)
-class AgentSettings:
-    """All that a robot is told before it starts."""
-
-    name: str
-    index: int
-    roster: tuple[str, ...]
-    roles: tuple[str, ...]
-    frame: GridFrame
-    """The team's grid."""
-    start: Pose
-    """Where it believes to stand in the team frame, by the team's first localisation."""
-    start_covariance: Floats
-    """(4, 4) of (x, y, z, yaw)."""
-    goal_m: tuple[float, float] | None
-    """Where the Cliff-bot is to go."""
-    method: str
-    map: MapSettings
-    sensor: SensorSettings
-    drive: DriveSettings
-    planner: PlannerSettings
-    sharing: SharingSettings
-    tether: TetherSettings
-
-
-class RobotLog(Protocol):
-    """What a robot writes down for people; it never reads it."""
-
-    def look(
-        self, exposure: Exposure, *, expected_cells: float, obtained_cells: int, new_cells: int
-    ) -> None:
-        """Note one exposure."""
-        ...
-
-    def event(self, what: str, detail: str = "") -> None:
-        """Note something that happened, in words."""
-        ...
-
-
-class RadioPort(Protocol):
-    """What a robot asks of its radio."""
-
-    def kick(self) -> None:
-        """Say that there may be something to send."""
-        ...
-
-    def send_urgent(
-        self, kind: Kind, payload: bytes, key: str, until_ns: int | None = None
-    ) -> None:
-        """Send before all else."""
-        ...
-
-
-@dataclass
-class Mate:
-    """What was heard of a team-mate."""
-
-    status: Status
-    heard_s: float
-
-
-@dataclass
-class Inbox:
-    """Commands for this robot that its role has not taken yet."""
-
-    tethers: list[TetherCommand] = field(default_factory=list[TetherCommand])
-    arrived: asyncio.Event = field(default_factory=asyncio.Event)
-
-
-class Robot:
-    """One robot in one incarnation."""
+class Robot(Member):
+    """One robot in one incarnation: a member of the team with a body."""
 
     def __init__(
         self,
@@ -143,125 +37,12 @@ class Robot:
         rng: np.random.Generator,
     ) -> None:
         """Put a robot together; on a disk that holds a former life (`Disk.begin`), take it up."""
-        self.settings = settings
-        self.hardware = hardware
-        self.disk = disk
-        self.log = log
+        super().__init__(settings, hardware, disk, log)
         self.rng = rng
-        self.me = Origin(settings.index, disk.incarnation)
-        self.grid = TileGrid(settings.frame, settings.map.tile_cells)
-        self.own = OwnLayer(settings.frame)
-        self.store = Store()
-        self.team = TeamMap(self.grid, self.store, self.own, self.me, settings.map.max_error_m)
-        self.sharing = Sharing(
-            settings.sharing, settings.map, self.me, len(settings.roster), self.team, disk.journal
-        )
         self.strategy = strategy(settings.method)
-        self.sharing.weight = self.tile_weight
         self.interest = Interest(settings.frame.shape, settings.planner.beta)
-        self.filter = PoseFilter(settings.start, settings.start_covariance)
-        self.mates: dict[int, Mate] = {}
-        self.inbox = Inbox()
-        self._lives: dict[int, int] = {}
-        """Incarnation last heard, by robot."""
-        self.activity = "starting"
-        self.claim: tuple[float, float, float] | None = None
-        self.finished = False
         self.looks = 0
         self.trail = [(self.pose.x_m, self.pose.y_m)]
-        self.map_changed_s = 0.0
-        self.rate_bps: Callable[[], float] = lambda: math.inf
-        self.radio: RadioPort | None = None
-        self._status_due = True
-        self._told_status = b""
-        self._told_s = 0.0
-        self._fixes: dict[int, Fix] = {}
-        if self.me.incarnation > 0:
-            self._take_up(self._recovered())
-
-    # --- clock and pose -----------------------------------------------------------------
-
-    @property
-    def now_s(self) -> float:
-        """The time, in seconds."""
-        return asyncio.get_running_loop().time()
-
-    @property
-    def pose(self) -> Pose:
-        """Where it believes to stand."""
-        return self.filter.pose
-
-    def set_activity(self, activity: str) -> None:
-        """Say what it is doing; team-mates hear of it."""
-        assert activity in ACTIVITIES
-        if activity != self.activity:
-            self.activity = activity
-            self.log.event("activity", activity)
-            self.tell_status()
-
-    # --- a former life ------------------------------------------------------------------
-
-    def _recovered(self) -> Recovered:
-        try:
-            return self.disk.recover(self.settings.frame)
-        except DiskError as error:
-            self.log.event("disk", str(error))
-            return Recovered()
-
-    def _take_up(self, recovered: Recovered) -> None:
-        """Take up what a former incarnation measured.
-
-        What it published is frozen under its own origin; only cells that it never published
-        come into this incarnation's layer, so nothing is counted twice.
-        """
-        for chunk in recovered.chunks:
-            self.store.offer(chunk)
-            self.team.tile_changed(chunk.key)
-            self.sharing.recovered(chunk.key)
-        for key, anchor in recovered.anchors.items():
-            self.store.offer_anchor(key, anchor)
-        for origin, index, submap in recovered.submaps:
-            former = Origin(self.me.robot, origin.incarnation)
-            published = self.team.published_mask(former, index)
-            kept = submap.known & ~published
-            self.store.offer_anchor(AnchorKey(*former, index), submap.anchor)
-            if kept.any():
-                fresh = self.own.begin_submap(submap.anchor.pose, np.diag(submap.anchor.variance))
-                fresh.anchor = submap.anchor  # as drawn, and as corrected since
-                fresh.take(submap, kept)
-                self._tiles_changed(len(self.own.submaps) - 1, kept)
-        if recovered.pose is not None and recovered.covariance is not None:
-            # It may have driven on for a leg after the pose was last written down.
-            lost = np.diag([LEG_M**2 / 4, LEG_M**2 / 4, 0.01, 0.03])
-            self.filter = PoseFilter(recovered.pose, recovered.covariance + lost)
-        # On disk before any of it can be published: a life that ends before its first look must
-        # not leave these cells behind as the former one's, to be taken up and counted once more.
-        try:
-            self.disk.save_layer(self._layer_content())
-        except DiskError as error:
-            self.log.event("disk", str(error))
-        self.log.event(
-            "restart",
-            f"incarnation {self.me.incarnation}: {len(recovered.chunks)} published versions and "
-            f"{self.own.known_cells()} unpublished cells from disk",
-        )
-
-    async def save(self) -> None:
-        """Write the own layer to disk; a disk that fails is told, and the robot goes on."""
-        content = self._layer_content()
-        try:
-            await asyncio.to_thread(self.disk.save_layer, content)
-        except DiskError as error:
-            self.log.event("disk", str(error))
-
-    def _layer_content(self) -> tuple[object, ...]:
-        me = self.me
-        former = {
-            key: anchor
-            for key, anchor in self.store.anchors.items()
-            if key.robot == me.robot and key.incarnation != me.incarnation
-        }
-        return self.disk.layer_content(self.own, self.pose, self.filter.covariance, former)
 
     # --- look, localise, fuse -------------------------------------------------------------
 
@@ -349,7 +130,7 @@ class Robot:
         measured = np.zeros(self.settings.frame.shape, dtype=bool)
         measured[cells.rows, cells.cols] = True
         self.interest.update(expected, measured)
-        self._tiles_changed(index, measured)
+        self.tiles_changed(index, measured)
         new = measured & ~known_before
         self.log.look(
             exposure,
@@ -358,17 +139,11 @@ class Robot:
             new_cells=int(np.count_nonzero(new)),
         )
 
-    def _tiles_changed(self, submap: int, cells: Bools) -> None:
-        self.team.own_changed()
-        self.map_changed_s = self._time_or_zero()
-        self.sharing.own_tiles_changed(submap, self.grid.touched(cells))
-        self.kick()
-
-    def _time_or_zero(self) -> float:
-        try:
-            return self.now_s
-        except RuntimeError:
-            return 0.0  # put together before its loop runs
+    def _tell_fix(self, index: int, sighting: Sighting, t_s: float) -> None:
+        offset = (*sighting.offset_m, sighting.bearing_rad)
+        pose, covariance = compose(self.pose, self.filter.covariance, offset, sighting.covariance)
+        x, y, z, yaw = (float(v) for v in np.diag(covariance))
+        self.tell_fix(Fix(index, t_s, pose, (x, y, z, yaw)))
 
     # --- plan and move --------------------------------------------------------------------
 
@@ -387,31 +162,10 @@ class Robot:
             sensor=self.settings.sensor,
             drive=self.settings.drive,
             planner=self.settings.planner,
-            claims=self._regions(wished=False),
-            wishes=tuple(self._regions(wished=True)),
+            claims=self.regions(wished=False),
+            wishes=tuple(self.regions(wished=True)),
             trail_m=np.array(self.trail),
         )
-
-    def _regions(self, *, wished: bool) -> list[tuple[float, float, float]]:
-        """Return what team-mates wait to know, or said that they will look at themselves."""
-        return [
-            mate.status.claim
-            for index, mate in sorted(self.mates.items())
-            if mate.status.claim is not None
-            and (self.settings.roles[index] == "cliffbot") == wished
-        ]
-
-    def tile_weight(self, key: TileKey) -> float:
-        """Return how much more a tile is worth to the team than any other, for what it is doing."""
-        rows, cols = self.grid.window(key.tile)
-        frame = self.settings.frame
-        x_m, y_m = frame.centre_of((rows.start + rows.stop) // 2, (cols.start + cols.stop) // 2)
-        near_m = 0.7 * self.grid.tile_cells * frame.cell_m
-        wished = any(
-            math.hypot(x_m - x, y_m - y) < radius + near_m
-            for x, y, radius in self._regions(wished=True)
-        )
-        return WISHED if wished else 1.0
 
     async def choose_look(self) -> LookPlan | None:
         """Choose the next look (Eq. 23), and say to the others where it will be.
@@ -470,136 +224,3 @@ class Robot:
         if odometry.halted:
             self.log.event("halted", odometry.halted)
         return not odometry.halted
-
-    # --- telling ----------------------------------------------------------------------------
-
-    def kick(self) -> None:
-        """Wake the radio: there may be something to send."""
-        if self.radio is not None:
-            self.radio.kick()
-
-    def tell_status(self) -> None:
-        """Have the status sent next."""
-        self._status_due = True
-        self.kick()
-
-    def _tell_fix(self, index: int, sighting: Sighting, t_s: float) -> None:
-        offset = (*sighting.offset_m, sighting.bearing_rad)
-        pose, covariance = compose(self.pose, self.filter.covariance, offset, sighting.covariance)
-        x, y, z, yaw = (float(v) for v in np.diag(covariance))
-        self._fixes[index] = Fix(index, t_s, pose, (x, y, z, yaw))
-        self.kick()
-
-    def choose_frame(self, now_ns: int, payload_bytes: int) -> Outgoing | None:
-        """Answer the link, which is free: what goes out next?"""
-        if self._fixes:
-            index = min(self._fixes)
-            return Outgoing(Kind.FIX, pack_fix(self._fixes.pop(index)))
-        if self._status_due:
-            self._status_due = False
-            self._told_status, self._told_s = pack_status(self._status()), now_ns / 1e9
-            return Outgoing(Kind.STATUS, self._told_status)
-        try:
-            chosen = self.sharing.choose(now_ns / 1e9, payload_bytes, self.rate_bps())
-        except DiskError as error:
-            self.log.event("disk", str(error))
-            return None
-        return None if chosen is None else Outgoing(*chosen)
-
-    def _status(self) -> Status:
-        x, y, z, yaw = (float(v) for v in np.diag(self.filter.covariance))
-        winch = self.hardware.winch
-        return Status(
-            self.pose,
-            (x, y, z, yaw),
-            ACTIVITIES.index(self.activity),
-            self.claim,
-            winch.length_m if winch is not None else 0.0,
-        )
-
-    # --- hearing ----------------------------------------------------------------------------
-
-    def on_frame(self, frame: Frame, arrive_ns: int) -> None:
-        """Take in a team-mate's frame; what cannot be understood is told and changes nothing."""
-        try:
-            self._take(frame, arrive_ns / 1e9)
-        except (AgentError, CommsError) as error:
-            sender = self.settings.roster[frame.sender]
-            self.log.event("refused", f"{frame.kind.name} of {sender}: {error}")
-
-    def _take(self, frame: Frame, now_s: float) -> None:
-        if self._lives.get(frame.sender) != frame.incarnation:
-            self._lives[frame.sender] = frame.incarnation
-            self.sharing.clock.newcomer()
-            self.kick()
-        match frame.kind:
-            case Kind.MAP:
-                self._take_map(frame, now_s)
-            case Kind.ANCHOR:
-                key, anchor = unpack_anchor(frame.payload)
-                mine = self.store.anchors.get(key)
-                self._check_writer(Origin(*key[:2]), anchor.version, mine and mine.version)
-                if self.store.offer_anchor(key, anchor):
-                    self.team.own_changed()
-                    self.map_changed_s = now_s
-                self.sharing.heard_anchor(key, anchor.version)
-            case Kind.DIGEST:
-                self.sharing.heard_digest(frame.sender, unpack_digest(frame.payload), now_s)
-                self.kick()
-            case Kind.STATUS:
-                status = unpack_status(frame.payload)
-                if status.activity >= len(ACTIVITIES):
-                    allowed = f"0 to {len(ACTIVITIES) - 1} are known"
-                    raise AgentError(f"activity {status.activity}; {allowed}")
-                self.mates[frame.sender] = Mate(status, now_s)
-            case Kind.FIX:
-                fix = unpack_fix(frame.payload)
-                if fix.robot == self.settings.index:
-                    self.filter.fix(fix.pose, np.diag(fix.variance), gate=GATE)
-            case Kind.TETHER:
-                self.inbox.tethers.extend(
-                    c for c in unpack_tethers(frame.payload) if c.robot == self.settings.index
-                )
-                self.inbox.arrived.set()
-            case Kind.STOP:
-                self.inbox.arrived.set()
-
-    def _take_map(self, frame: Frame, now_s: float) -> None:
-        for chunk in unpack_chunks(frame.payload, (frame.sender, frame.incarnation)):
-            if chunk.key.tile >= self.grid.count:
-                raise AgentError(
-                    f"tile {chunk.key.tile}: the team's map has tiles 0 to {self.grid.count - 1}"
-                )
-            mine = self.store.newest(chunk.key)
-            self._check_writer(chunk.key.origin, chunk.version, mine and mine.number)
-            changed = self.store.offer(chunk)
-            if changed:
-                self.team.tile_changed(chunk.key)
-                self.map_changed_s = now_s
-            self.sharing.heard_chunk(frame.sender, chunk, changed=changed)
-
-    def _check_writer(self, origin: Origin, version: int, newest: int | None) -> None:
-        """Refuse what is of nobody's, and what claims to be this robot's own and news to it."""
-        if origin.robot >= len(self.settings.roster):
-            last = len(self.settings.roster) - 1
-            raise AgentError(f"a map of robot {origin.robot}; the team has robots 0 to {last}")
-        if origin == self.me and (newest is None or version > newest):
-            raise AgentError(
-                f"version {version} of this robot's own map; it has published up to {newest}"
-            )
-
-    # --- life -------------------------------------------------------------------------------
-
-    async def heartbeat(self) -> None:
-        """Tell the team now and then where it is; looks whether a digest is due as well."""
-        while True:
-            status = pack_status(self._status())
-            if status != self._told_status or self.now_s >= self._told_s + KEEP_ALIVE_S:
-                self.tell_status()
-            self.kick()
-            await asyncio.sleep(self.settings.sharing.status_s)
-
-    @property
-    def settled(self) -> bool:
-        """Whether its work is done and nothing that is worth its bytes is left to send."""
-        return self.finished and not self._fixes and self.sharing.settled()

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from agents.briefing import ACTIVITIES, AgentSettings
 from agents.geometry import Bools, Floats, GridFrame, Pose, wrap_angle
 from agents.messages import TetherCommand, pack_tethers
 from agents.paths import path_to, straight_legs, travel_field, traversability
-from agents.robot import ACTIVITIES, AgentSettings, Robot
+from agents.robot import Robot
 from comms.frames import Kind
 
 SILENT_S = 240.0

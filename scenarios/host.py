@@ -13,10 +13,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from agents.briefing import AgentSettings
 from agents.disk import Disk
 from agents.geometry import Floats, Pose, Singles
 from agents.ports import Exposure
-from agents.robot import AgentSettings, Robot
+from agents.robot import Robot
 from agents.roles import ROLES
 from agents.teammap import Estimate
 from comms.air import Handler, Packet

@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 from team_helpers import FRAME, MAX_ERROR_M, SURE
 
+from agents.briefing import AgentSettings
 from agents.disk import Disk
 from agents.geometry import Pose
 from agents.layers import LookCells
 from agents.messages import unpack_chunks
 from agents.ports import Hardware
-from agents.robot import AgentSettings, Robot
+from agents.robot import Robot
 from agents.settings import (
     DriveSettings,
     MapSettings,
@@ -91,7 +92,7 @@ def measure(robot: Robot, cells: LookCells) -> None:
     robot.own.submaps[-1].observe(cells)
     touched = np.zeros(FRAME.shape, dtype=bool)
     touched[cells.rows, cells.cols] = True
-    robot._tiles_changed(len(robot.own.submaps) - 1, touched)
+    robot.tiles_changed(len(robot.own.submaps) - 1, touched)
 
 
 def save(robot: Robot) -> None:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from robot_helpers import START, hear, log_of, measure, robot_on, save, say
 from team_helpers import FRAME, GRID, SURE, chunks_of, layer, look
 
+from agents.briefing import ACTIVITIES
 from agents.fusion import PoseFilter
 from agents.geometry import Pose
 from agents.messages import (
@@ -21,7 +22,7 @@ from agents.messages import (
     pack_fix,
     pack_status,
 )
-from agents.robot import ACTIVITIES, Robot
+from agents.robot import Robot
 from agents.store import AnchorKey, Chunk, Origin, TileKey
 from comms.codec import CodecError, DecodedTile, decode_tile
 from comms.frames import Kind

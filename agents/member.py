@@ -1,0 +1,335 @@
+"""What makes a robot a member of its team: its layer, its store, its radio, what it says and hears.
+
+Nothing here moves or looks. A member on a lander, without wheels, would be this and no more.
+"""
+
+import asyncio
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from agents.briefing import ACTIVITIES, AgentSettings, Inbox, Mate, RadioPort, RobotLog
+from agents.disk import Disk, DiskError, Recovered
+from agents.errors import AgentError
+from agents.fusion import PoseFilter
+from agents.geometry import Bools, Pose
+from agents.layers import OwnLayer
+from agents.messages import (
+    Fix,
+    Status,
+    pack_fix,
+    pack_status,
+    unpack_anchor,
+    unpack_chunks,
+    unpack_digest,
+    unpack_fix,
+    unpack_status,
+    unpack_tethers,
+)
+from agents.ports import Hardware
+from agents.scene import WISHED
+from agents.sharing import Sharing
+from agents.store import AnchorKey, Origin, Store, TileKey
+from agents.teammap import TeamMap, TileGrid
+from comms.errors import CommsError
+from comms.frames import Frame, Kind
+from comms.radio import Outgoing
+
+GATE = 25.0
+"""Innovations beyond this (chi-squared, 4 degrees of freedom: 5e-5) are not believed."""
+KEEP_ALIVE_S = 60.0
+"""A robot of which nothing changes says so this often."""
+LEG_M = 1.0
+"""A drive is cut in legs of at most this, each measured by itself."""
+
+
+class Member:
+    """A robot as a member of its team, in one incarnation: what it keeps, tells and hears.
+
+    It knows nothing of wheels and cameras; `agents.robot.Robot` adds these.
+    """
+
+    def __init__(
+        self, settings: AgentSettings, hardware: Hardware, disk: Disk, log: RobotLog
+    ) -> None:
+        """Put a member together; on a disk that holds a former life (`Disk.begin`), take it up."""
+        self.settings = settings
+        self.hardware = hardware
+        self.disk = disk
+        self.log = log
+        self.me = Origin(settings.index, disk.incarnation)
+        self.grid = TileGrid(settings.frame, settings.map.tile_cells)
+        self.own = OwnLayer(settings.frame)
+        self.store = Store()
+        self.team = TeamMap(self.grid, self.store, self.own, self.me, settings.map.max_error_m)
+        self.sharing = Sharing(
+            settings.sharing, settings.map, self.me, len(settings.roster), self.team, disk.journal
+        )
+        self.sharing.weight = self.tile_weight
+        self.filter = PoseFilter(settings.start, settings.start_covariance)
+        self.mates: dict[int, Mate] = {}
+        self.inbox = Inbox()
+        self.activity = "starting"
+        self.claim: tuple[float, float, float] | None = None
+        self.finished = False
+        self.map_changed_s = 0.0
+        self.rate_bps: Callable[[], float] = lambda: math.inf
+        self.radio: RadioPort | None = None
+        self._lives: dict[int, int] = {}
+        """Incarnation last heard, by robot."""
+        self._status_due = True
+        self._told_status = b""
+        self._told_s = 0.0
+        self._fixes: dict[int, Fix] = {}
+        if self.me.incarnation > 0:
+            self._take_up(self._recovered())
+
+    # --- clock and pose -----------------------------------------------------------------
+
+    @property
+    def now_s(self) -> float:
+        """The time, in seconds."""
+        return asyncio.get_running_loop().time()
+
+    @property
+    def pose(self) -> Pose:
+        """Where it believes to stand."""
+        return self.filter.pose
+
+    def set_activity(self, activity: str) -> None:
+        """Say what it is doing; team-mates hear of it."""
+        assert activity in ACTIVITIES
+        if activity != self.activity:
+            self.activity = activity
+            self.log.event("activity", activity)
+            self.tell_status()
+
+    # --- a former life ------------------------------------------------------------------
+
+    def _recovered(self) -> Recovered:
+        try:
+            return self.disk.recover(self.settings.frame)
+        except DiskError as error:
+            self.log.event("disk", str(error))
+            return Recovered()
+
+    def _take_up(self, recovered: Recovered) -> None:
+        """Take up what a former incarnation measured.
+
+        What it published is frozen under its own origin; only cells that it never published
+        come into this incarnation's layer, so nothing is counted twice.
+        """
+        for chunk in recovered.chunks:
+            self.store.offer(chunk)
+            self.team.tile_changed(chunk.key)
+            self.sharing.recovered(chunk.key)
+        for key, anchor in recovered.anchors.items():
+            self.store.offer_anchor(key, anchor)
+        for origin, index, submap in recovered.submaps:
+            former = Origin(self.me.robot, origin.incarnation)
+            published = self.team.published_mask(former, index)
+            kept = submap.known & ~published
+            self.store.offer_anchor(AnchorKey(*former, index), submap.anchor)
+            if kept.any():
+                fresh = self.own.begin_submap(submap.anchor.pose, np.diag(submap.anchor.variance))
+                fresh.anchor = submap.anchor  # as drawn, and as corrected since
+                fresh.take(submap, kept)
+                self.tiles_changed(len(self.own.submaps) - 1, kept)
+        if recovered.pose is not None and recovered.covariance is not None:
+            # It may have driven on for a leg after the pose was last written down.
+            lost = np.diag([LEG_M**2 / 4, LEG_M**2 / 4, 0.01, 0.03])
+            self.filter = PoseFilter(recovered.pose, recovered.covariance + lost)
+        # On disk before any of it can be published: a life that ends before its first look must
+        # not leave these cells behind as the former one's, to be taken up and counted once more.
+        try:
+            self.disk.save_layer(self._layer_content())
+        except DiskError as error:
+            self.log.event("disk", str(error))
+        self.log.event(
+            "restart",
+            f"incarnation {self.me.incarnation}: {len(recovered.chunks)} published versions and "
+            f"{self.own.known_cells()} unpublished cells from disk",
+        )
+
+    async def save(self) -> None:
+        """Write the own layer to disk; a disk that fails is told, and the robot goes on."""
+        content = self._layer_content()
+        try:
+            await asyncio.to_thread(self.disk.save_layer, content)
+        except DiskError as error:
+            self.log.event("disk", str(error))
+
+    def _layer_content(self) -> tuple[object, ...]:
+        me = self.me
+        former = {
+            key: anchor
+            for key, anchor in self.store.anchors.items()
+            if key.robot == me.robot and key.incarnation != me.incarnation
+        }
+        return self.disk.layer_content(self.own, self.pose, self.filter.covariance, former)
+
+    def tiles_changed(self, submap: int, cells: Bools) -> None:
+        """Note that cells (rows, cols) of an own submap were measured."""
+        self.team.own_changed()
+        self.map_changed_s = self._time_or_zero()
+        self.sharing.own_tiles_changed(submap, self.grid.touched(cells))
+        self.kick()
+
+    def _time_or_zero(self) -> float:
+        try:
+            return self.now_s
+        except RuntimeError:
+            return 0.0  # put together before its loop runs
+
+    def regions(self, *, wished: bool) -> list[tuple[float, float, float]]:
+        """Return what team-mates wait to know, or said that they will look at themselves."""
+        return [
+            mate.status.claim
+            for index, mate in sorted(self.mates.items())
+            if mate.status.claim is not None
+            and (self.settings.roles[index] == "cliffbot") == wished
+        ]
+
+    def tile_weight(self, key: TileKey) -> float:
+        """Return how much more a tile is worth to the team than any other, for what it is doing."""
+        rows, cols = self.grid.window(key.tile)
+        frame = self.settings.frame
+        x_m, y_m = frame.centre_of((rows.start + rows.stop) // 2, (cols.start + cols.stop) // 2)
+        near_m = 0.7 * self.grid.tile_cells * frame.cell_m
+        wished = any(
+            math.hypot(x_m - x, y_m - y) < radius + near_m
+            for x, y, radius in self.regions(wished=True)
+        )
+        return WISHED if wished else 1.0
+
+    # --- telling ----------------------------------------------------------------------------
+
+    def kick(self) -> None:
+        """Wake the radio: there may be something to send."""
+        if self.radio is not None:
+            self.radio.kick()
+
+    def tell_status(self) -> None:
+        """Have the status sent next."""
+        self._status_due = True
+        self.kick()
+
+    def tell_fix(self, fix: Fix) -> None:
+        """Have a team-mate told where it was seen."""
+        self._fixes[fix.robot] = fix
+        self.kick()
+
+    def choose_frame(self, now_ns: int, payload_bytes: int) -> Outgoing | None:
+        """Answer the link, which is free: what goes out next?"""
+        if self._fixes:
+            index = min(self._fixes)
+            return Outgoing(Kind.FIX, pack_fix(self._fixes.pop(index)))
+        if self._status_due:
+            self._status_due = False
+            self._told_status, self._told_s = pack_status(self._status()), now_ns / 1e9
+            return Outgoing(Kind.STATUS, self._told_status)
+        try:
+            chosen = self.sharing.choose(now_ns / 1e9, payload_bytes, self.rate_bps())
+        except DiskError as error:
+            self.log.event("disk", str(error))
+            return None
+        return None if chosen is None else Outgoing(*chosen)
+
+    def _status(self) -> Status:
+        x, y, z, yaw = (float(v) for v in np.diag(self.filter.covariance))
+        winch = self.hardware.winch
+        return Status(
+            self.pose,
+            (x, y, z, yaw),
+            ACTIVITIES.index(self.activity),
+            self.claim,
+            winch.length_m if winch is not None else 0.0,
+        )
+
+    # --- hearing ----------------------------------------------------------------------------
+
+    def on_frame(self, frame: Frame, arrive_ns: int) -> None:
+        """Take in a team-mate's frame; what cannot be understood is told and changes nothing."""
+        try:
+            self._take(frame, arrive_ns / 1e9)
+        except (AgentError, CommsError) as error:
+            sender = self.settings.roster[frame.sender]
+            self.log.event("refused", f"{frame.kind.name} of {sender}: {error}")
+
+    def _take(self, frame: Frame, now_s: float) -> None:
+        if self._lives.get(frame.sender) != frame.incarnation:
+            self._lives[frame.sender] = frame.incarnation
+            self.sharing.clock.newcomer()
+            self.kick()
+        match frame.kind:
+            case Kind.MAP:
+                self._take_map(frame, now_s)
+            case Kind.ANCHOR:
+                key, anchor = unpack_anchor(frame.payload)
+                mine = self.store.anchors.get(key)
+                self._check_writer(Origin(*key[:2]), anchor.version, mine and mine.version)
+                if self.store.offer_anchor(key, anchor):
+                    self.team.own_changed()
+                    self.map_changed_s = now_s
+                self.sharing.heard_anchor(key, anchor.version)
+            case Kind.DIGEST:
+                self.sharing.heard_digest(frame.sender, unpack_digest(frame.payload), now_s)
+                self.kick()
+            case Kind.STATUS:
+                status = unpack_status(frame.payload)
+                if status.activity >= len(ACTIVITIES):
+                    allowed = f"0 to {len(ACTIVITIES) - 1} are known"
+                    raise AgentError(f"activity {status.activity}; {allowed}")
+                self.mates[frame.sender] = Mate(status, now_s)
+            case Kind.FIX:
+                fix = unpack_fix(frame.payload)
+                if fix.robot == self.settings.index:
+                    self.filter.fix(fix.pose, np.diag(fix.variance), gate=GATE)
+            case Kind.TETHER:
+                self.inbox.tethers.extend(
+                    c for c in unpack_tethers(frame.payload) if c.robot == self.settings.index
+                )
+                self.inbox.arrived.set()
+            case Kind.STOP:
+                self.inbox.arrived.set()
+
+    def _take_map(self, frame: Frame, now_s: float) -> None:
+        for chunk in unpack_chunks(frame.payload, (frame.sender, frame.incarnation)):
+            if chunk.key.tile >= self.grid.count:
+                raise AgentError(
+                    f"tile {chunk.key.tile}: the team's map has tiles 0 to {self.grid.count - 1}"
+                )
+            mine = self.store.newest(chunk.key)
+            self._check_writer(chunk.key.origin, chunk.version, mine and mine.number)
+            changed = self.store.offer(chunk)
+            if changed:
+                self.team.tile_changed(chunk.key)
+                self.map_changed_s = now_s
+            self.sharing.heard_chunk(frame.sender, chunk, changed=changed)
+
+    def _check_writer(self, origin: Origin, version: int, newest: int | None) -> None:
+        """Refuse what is of nobody's, and what claims to be this robot's own and news to it."""
+        if origin.robot >= len(self.settings.roster):
+            last = len(self.settings.roster) - 1
+            raise AgentError(f"a map of robot {origin.robot}; the team has robots 0 to {last}")
+        if origin == self.me and (newest is None or version > newest):
+            raise AgentError(
+                f"version {version} of this robot's own map; it has published up to {newest}"
+            )
+
+    # --- life -------------------------------------------------------------------------------
+
+    async def heartbeat(self) -> None:
+        """Tell the team now and then where it is; looks whether a digest is due as well."""
+        while True:
+            status = pack_status(self._status())
+            if status != self._told_status or self.now_s >= self._told_s + KEEP_ALIVE_S:
+                self.tell_status()
+            self.kick()
+            await asyncio.sleep(self.settings.sharing.status_s)
+
+    @property
+    def settled(self) -> bool:
+        """Whether its work is done and nothing that is worth its bytes is left to send."""
+        return self.finished and not self._fixes and self.sharing.settled()
