@@ -173,6 +173,8 @@ class Submap:
         self.information = np.zeros(frame.shape)
         self.weighted_z = np.zeros(frame.shape)
         self.looks: NDArray[np.uint16] = np.zeros(frame.shape, dtype=np.uint16)
+        self.revision = 0
+        """Grows with every change of the cells."""
 
     @property
     def known(self) -> Bools:
@@ -185,12 +187,14 @@ class Submap:
         self.information[look.rows, look.cols] += weight
         self.weighted_z[look.rows, look.cols] += weight * look.mean_m
         self.looks[look.rows, look.cols] += 1
+        self.revision += 1
 
     def take(self, other: "Submap", cells: Bools) -> None:
         """Take over the cells of a mask (rows, cols) from another submap."""
         self.information[cells] = other.information[cells]
         self.weighted_z[cells] = other.weighted_z[cells]
         self.looks[cells] = other.looks[cells]
+        self.revision += 1
 
     def estimate(self, window: tuple[slice, slice]) -> tuple[Floats, Floats]:
         """Return elevation (NaN unknown) and variance (inf unknown) of a window of cells."""

@@ -6,7 +6,9 @@ adds up (Sujan & Meggiolaro, Eqs. 19-21). Laying a tile adds the covariance of i
 the codec's error bound.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,6 +105,16 @@ def fuse_origins(layers: list[Estimate], shape: tuple[int, int]) -> Estimate:
         return Estimate(weighted / information, 1.0 / information, looks)
 
 
+@dataclass(frozen=True)
+class _Sheet:
+    """A submap that is to be laid."""
+
+    mark: tuple[int, int]
+    """Changes when the drawing or its anchor does."""
+    draw: Callable[[], Estimate]
+    anchor: Anchor
+
+
 class TeamMap:
     """Keeps one robot's team map up to date, tile by tile, as its layer and its store change."""
 
@@ -119,6 +131,10 @@ class TeamMap:
         self.own = own
         self.me = me
         self._drawn: dict[AnchorKey, Estimate] = {}
+        self._revisions: dict[AnchorKey, int] = {}
+        self._folds: dict[
+            tuple[Origin, tuple[bool, bool]], tuple[tuple[tuple[int, int], ...], Estimate]
+        ] = {}
         self._decoded: dict[TileKey, list[tuple[tuple[int, int], DecodedTile]]] = {}
         self._fused: Estimate | None = None
         self._heard: Estimate | None = None
@@ -133,6 +149,7 @@ class TeamMap:
         drawing.elevation_m[window] = tile.elevation_m
         drawing.variance_m2[window] = tile.variance_m2
         drawing.looks[window] = tile.looks
+        self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
         self._fused = self._heard = self._relief = None
 
     def own_changed(self) -> None:
@@ -223,24 +240,51 @@ class TeamMap:
         return drawing.known
 
     def _fuse(self, *, own_as_sent: bool, with_anchors: bool = True) -> Estimate:
-        shape = self.grid.frame.shape
-        origins: dict[Origin, Estimate] = {}
+        kind = (own_as_sent, with_anchors)
+        origins = self._sheets(own_as_sent=own_as_sent)
+        layers = [self._fold(origin, origins[origin], kind) for origin in sorted(origins)]
+        return fuse_origins(layers, self.grid.frame.shape)
+
+    def _sheets(self, *, own_as_sent: bool) -> dict[Origin, list[_Sheet]]:
+        """Return all submaps that can be laid, by origin, oldest first."""
+        origins: dict[Origin, list[_Sheet]] = {}
         for key in sorted(self._drawn):
             origin = Origin(key.robot, key.incarnation)
             anchor = self.store.anchors.get(key)
             if origin == self.me or anchor is None:
                 continue  # without an anchor nobody knows where the submap lies
-            laid = self.lay(self._drawn[key], anchor, with_covariance=with_anchors)
-            origins[origin] = surest(origins.get(origin, blank(shape)), laid)
+            mark = (self._revisions[key], anchor.version)
+            sheet = _Sheet(mark, partial(self._drawn.__getitem__, key), anchor)
+            origins.setdefault(origin, []).append(sheet)
+        draw = self.own_as_sent if own_as_sent else self._own_drawing
         for index, submap in enumerate(self.own.submaps):
-            if own_as_sent:
-                drawing = self.own_as_sent(index)
-            else:
-                elevation, variance = submap.estimate((slice(None), slice(None)))
-                drawing = Estimate(elevation, variance, submap.looks)
-            laid = self.lay(drawing, submap.anchor, with_covariance=with_anchors)
-            origins[self.me] = surest(origins.get(self.me, blank(shape)), laid)
-        return fuse_origins([origins[o] for o in sorted(origins)], shape)
+            mark = (submap.revision, submap.anchor.version)
+            sheet = _Sheet(mark, partial(draw, index), submap.anchor)
+            origins.setdefault(self.me, []).append(sheet)
+        return origins
+
+    def _own_drawing(self, index: int) -> Estimate:
+        submap = self.own.submaps[index]
+        return Estimate(*submap.estimate((slice(None), slice(None))), submap.looks)
+
+    def _fold(self, origin: Origin, sheets: list[_Sheet], kind: tuple[bool, bool]) -> Estimate:
+        """Return the surest of an origin's submaps, cell by cell.
+
+        All but the newest seldom change: they are laid once, and kept laid.
+        """
+        older, newest = sheets[:-1], sheets[-1]
+        marks = tuple(sheet.mark for sheet in older)
+        kept = self._folds.get((origin, kind))
+        if kept is None or kept[0] != marks:
+            fold = blank(self.grid.frame.shape)
+            for sheet in older:
+                fold = surest(fold, self._laid(sheet, kind))
+            kept = (marks, fold)
+            self._folds[origin, kind] = kept
+        return surest(kept[1], self._laid(newest, kind))
+
+    def _laid(self, sheet: _Sheet, kind: tuple[bool, bool]) -> Estimate:
+        return self.lay(sheet.draw(), sheet.anchor, with_covariance=kind[1])
 
     def lay(self, drawing: Estimate, anchor: Anchor, *, with_covariance: bool = True) -> Estimate:
         """Lay a submap by its anchor: move it to the corrected pose and add its covariance."""
