@@ -4,7 +4,7 @@ A robot knows nothing of the world but what comes through these protocols and it
 calls that take time are awaited on the running event loop, whose clock is the robot's clock.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 from agents.geometry import Floats
@@ -92,4 +92,3 @@ class Hardware:
     body: Body | None = None
     camera: Camera | None = None
     winch: Winch | None = None
-    extras: dict[str, object] = field(default_factory=dict[str, object])

@@ -55,7 +55,7 @@ class _Version(argparse.Action):
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
         """Print the version and leave."""
-        from importlib.metadata import version  # noqa: PLC0415  (costs time that --help spares)
+        from importlib.metadata import version
 
         print(f"ropeteam {version('ropeteam')}")
         parser.exit(OK)
@@ -146,7 +146,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _list(_: argparse.Namespace) -> int:
-    from scenarios.shelf import entries  # noqa: PLC0415
+    from scenarios.shelf import entries
 
     found = entries()
     width = max(len(entry.name) for entry in found)
@@ -162,11 +162,11 @@ def _check(args: argparse.Namespace) -> int:
 
 def _check_one(file: str) -> int:
     """Check a scenario, its ground included."""
-    from numpy.random import default_rng  # noqa: PLC0415
+    from numpy.random import default_rng
 
-    from scenarios.schema import load  # noqa: PLC0415
-    from sim.errors import WorldError  # noqa: PLC0415
-    from sim.terrain import make_terrain  # noqa: PLC0415
+    from scenarios.schema import load
+    from sim.errors import WorldError
+    from sim.terrain import make_terrain
 
     try:
         scenario = load(file)
@@ -186,8 +186,8 @@ def _check_one(file: str) -> int:
 def _run(args: argparse.Namespace) -> int:
     scenario = _load(args)
     out = _folder(args, scenario)
-    from scenarios.runner import run  # noqa: PLC0415  (heavy, and needed only by a sound scenario)
-    from sim.errors import WorldError  # noqa: PLC0415
+    from scenarios.runner import run
+    from sim.errors import WorldError
 
     try:
         run(scenario, out, quiet=args.quiet, overwrite=args.overwrite)
@@ -197,8 +197,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _load(args: argparse.Namespace) -> "Scenario":
-    from scenarios.overrides import parse_override  # noqa: PLC0415
-    from scenarios.schema import load  # noqa: PLC0415
+    from scenarios.overrides import parse_override
+    from scenarios.schema import load
 
     changes = [*_clock_changes(args), *(parse_override(text) for text in args.sets)]
     scenario = load(args.scenario, changes, seed=args.seed)
@@ -208,7 +208,7 @@ def _load(args: argparse.Namespace) -> "Scenario":
 
 
 def _clock_changes(args: argparse.Namespace) -> "list[Override]":
-    from scenarios.overrides import Override  # noqa: PLC0415
+    from scenarios.overrides import Override
 
     changes: list[Override] = []
     if args.clock is not None:
@@ -221,7 +221,7 @@ def _clock_changes(args: argparse.Namespace) -> "list[Override]":
 
 
 def _folder(args: argparse.Namespace, scenario: "Scenario") -> Path:
-    from scenarios import folder  # noqa: PLC0415
+    from scenarios import folder
 
     if args.out is not None:
         out = Path(args.out)

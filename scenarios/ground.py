@@ -137,8 +137,8 @@ def _draw_tethers(axes: "Axes", ways: Sequence[Way]) -> None:
 
 def _draw_scale(figure: "SubFigure", axes: "Axes", scale: Scale) -> None:
     """Draw the scale of heights, and the colour of what is unknown, beside the ground."""
-    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  (only a drawing needs it)
-    from matplotlib.colors import ListedColormap, Normalize  # noqa: PLC0415
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
 
     stops: Any = colours(np.linspace(0, 1, 256))
     colourmap = ListedColormap(stops).with_extremes(under=UNKNOWN_RGB)

@@ -96,8 +96,8 @@ class LiveView:
         if not self._is_terminal:
             self.say(self._title)
             return
-        from rich.console import Console  # noqa: PLC0415  (only a terminal needs it)
-        from rich.live import Live  # noqa: PLC0415
+        from rich.console import Console
+        from rich.live import Live
 
         console = Console(file=self._stream)
         self._live = Live(console=console, auto_refresh=False, transient=True)
@@ -156,8 +156,8 @@ def _robot_words(robot: RobotNow) -> str:
 
 def table(title: str, snapshot: Snapshot) -> "Table":
     """Return a moment of a run as a table."""
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich.table import Table
+    from rich.text import Text
 
     limit = f"of at most {clock_text(snapshot.limit_s)}"
     heading = Text(f"{title}\nsimulated time {clock_text(snapshot.t_s)} {limit}")

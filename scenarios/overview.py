@@ -62,10 +62,10 @@ class Overview:
 
 def draw(path: Path, overview: Overview) -> None:
     """Write the picture of a run as a PNG, whole or not at all."""
-    import matplotlib as mpl  # noqa: PLC0415  (takes half a second, and only a drawing needs it)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-    from matplotlib.layout_engine import ConstrainedLayoutEngine  # noqa: PLC0415
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     with mpl.rc_context(_STYLE):
         layout = ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.1, hspace=0.04)

@@ -107,7 +107,6 @@ class RealMemoryCrew:
         """Start without robots."""
         self.costs: dict[str, Cost] = {}
         self._hosts: dict[str, Host] = {}
-        self._stopped: set[str] = set()
         self._loop: ScaledLoop | None = None
         self._begun = False
         self._reports: deque[Report] = deque()

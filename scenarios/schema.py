@@ -181,6 +181,13 @@ def _check_numbers(scenario: Scenario) -> list[Conflict]:
     if clock.mode == "virtual" and clock.speed != 1.0:
         sentence = 'must be 1, unless clock.mode = "real" (--clock real)'
         conflicts.append(Conflict("clock.speed", clock.speed, sentence))
+    if clock.mode == "real" and scenario.air == "memory":
+        sentence = 'nobody can be hung alone in one process on the wall clock; needs air = "zenoh"'
+        conflicts += [
+            Conflict(f"events.{index}.{event.kind}", event.target, sentence)
+            for index, event in enumerate(scenario.events)
+            if event.kind in ("stop", "resume")
+        ]
     if sensor.near_m >= sensor.range_m:
         sentence = f"must be below sensor.range_m = {plain(sensor.range_m)}"
         conflicts.append(Conflict("sensor.near_m", sensor.near_m, sentence))

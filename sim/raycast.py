@@ -55,7 +55,7 @@ def block_tops(ground: Singles) -> Floats:
             for r in range(i * BLOCK, min((i + 1) * BLOCK + 1, rows)):
                 for c in range(j * BLOCK, min((j + 1) * BLOCK + 1, cols)):
                     # Not max(): that would take a NaN for the top.
-                    if ground[r, c] > tops[i, j]:  # noqa: PLR1730
+                    if ground[r, c] > tops[i, j]:  # noqa: PLR1730  (a NaN)
                         tops[i, j] = ground[r, c]
     return tops
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from memory_air import MemoryAir, post_on
 
 from comms.air import Packet, PacketError
 from comms.frames import Kind, Opener, Sealer
 from comms.link import Receiver, Transmitter
-from comms.memory_air import MemoryAir, post_on
 from comms.profiles import PROFILES
 from comms.radio import BURST_FRAMES, BURST_PAUSE_NS, Outgoing, Radio, RadioError
 from comms.timebase import NS, now_ns, sleep_until_ns

@@ -2,9 +2,12 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from run_helpers import UHF, run_of, small
+
+from scenarios.errors import ScenarioError
 
 
 @pytest.mark.parametrize("air", ["memory", "zenoh"])
@@ -49,3 +52,23 @@ def test_a_killed_robot_on_the_wall_clock_leaves_the_others_at_work(tmp_path: Pa
     assert states.pop("recon") == "killed"
     assert set(states.values()) == {"alive"}
     assert "recon was killed" in ran.summary["outcome_reason"]
+
+
+def test_a_restarted_robot_comes_back_on_the_wall_clock(tmp_path: Path) -> None:
+    scenario = small(
+        "cliff",
+        "limit_s=60",
+        "air=zenoh",
+        "clock.mode=real",
+        "clock.speed=10.0",
+        events=[{"at_s": 25.0, "restart": "recon", "after_s": 10.0}],
+    )
+    ran = run_of(scenario, tmp_path / "restart")
+    assert ran.robot("recon")["state"] == "alive"
+    assert ran.events("recon", "restart"), "it says what it took up"
+
+
+def test_nobody_can_be_hung_alone_in_one_process_on_the_wall_clock() -> None:
+    hang: list[dict[str, Any]] = [{"at_s": 5.0, "stop": "recon"}]
+    with pytest.raises(ScenarioError, match=r"events\.0\.stop.*zenoh"):
+        small("cliff", "clock.mode=real", "clock.speed=10.0", events=hang)

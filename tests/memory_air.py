@@ -1,4 +1,4 @@
-"""The air inside one process: the whole team on one clock, or each robot on its own."""
+"""A small air inside one process, to test radios with; runs have `scenarios.crew` for that."""
 
 import asyncio
 import heapq
