@@ -1,0 +1,36 @@
+"""What all commands share: how they refuse, and the words that they take."""
+
+import argparse
+from typing import TYPE_CHECKING, NoReturn
+
+OK, FAULT, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """Refuses with one sentence and exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong, where help is, and leave."""
+        self.exit(BAD_INPUT, f"{self.prog}: {message} (help: {self.prog} --help)\n")
+
+
+if TYPE_CHECKING:
+    Commands = argparse._SubParsersAction[Parser]  # pyright: ignore[reportPrivateUsage]  (argparse has no public name for it)
+else:
+    Commands = object
+
+
+def whole(text: str) -> int:
+    """Read a whole number."""
+    try:
+        return int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no whole number") from None
+
+
+def number(text: str) -> float:
+    """Read a number."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
