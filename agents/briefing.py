@@ -66,6 +66,11 @@ class RobotLog(Protocol):
 class RadioPort(Protocol):
     """What a robot asks of its radio."""
 
+    @property
+    def next_seq(self) -> int:
+        """The number that the next frame will bear."""
+        ...
+
     def kick(self) -> None:
         """Say that there may be something to send."""
         ...

@@ -13,7 +13,7 @@ from agents.briefing import ACTIVITIES, AgentSettings, Inbox, Mate, RadioPort, R
 from agents.disk import Disk, DiskError, Recovered
 from agents.errors import AgentError
 from agents.fusion import PoseFilter
-from agents.geometry import Bools, Pose
+from agents.geometry import Bools, Pose, wrap_angle
 from agents.layers import OwnLayer
 from agents.messages import (
     Fix,
@@ -22,15 +22,15 @@ from agents.messages import (
     pack_status,
     unpack_anchor,
     unpack_chunks,
-    unpack_digest,
     unpack_fix,
     unpack_status,
     unpack_tethers,
 )
 from agents.ports import Hardware
 from agents.scene import WISHED
-from agents.sharing import Sharing
-from agents.store import AnchorKey, Origin, Store, TileKey
+from agents.sharing import Desk, Free, Heard, Mark, way
+from agents.sharing.reports import unpack_report
+from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
 from agents.teammap import TeamMap, TileGrid
 from comms.errors import CommsError
 from comms.frames import Frame, Kind
@@ -40,6 +40,9 @@ GATE = 25.0
 """Innovations beyond this (chi-squared, 4 degrees of freedom: 5e-5) are not believed."""
 KEEP_ALIVE_S = 60.0
 """A robot of which nothing changes says so this often."""
+TOLD_M = 0.3
+TOLD_RAD = 0.2
+"""A robot that has moved or turned less than this need not say so."""
 LEG_M = 1.0
 """A drive is cut in legs of at most this, each measured by itself."""
 
@@ -59,13 +62,20 @@ class Member:
         self.disk = disk
         self.log = log
         self.me = Origin(settings.index, disk.incarnation)
-        self.grid = TileGrid(settings.frame, settings.map.tile_cells)
+        sharing = way(settings.sharing.policy)
+        side = max(settings.frame.shape) if sharing.whole_map else settings.map.tile_cells
+        self.grid = TileGrid(settings.frame, side)
         self.own = OwnLayer(settings.frame)
         self.store = Store()
-        self.team = TeamMap(self.grid, self.store, self.own, self.me, settings.map.max_error_m)
-        self.sharing = Sharing(
-            settings.sharing, settings.map, self.me, len(settings.roster), self.team, disk.journal
+        self.team = TeamMap(
+            self.grid, self.store, self.own, self.me, settings.map.max_error_m, sharing.payloads()
         )
+        self.sharing = sharing.policy(
+            Desk(
+                settings.sharing, settings.map, self.me, len(settings.roster), self.team,
+                disk.journal,
+            )
+        )  # fmt: skip
         self.sharing.weight = self.tile_weight
         self.filter = PoseFilter(settings.start, settings.start_covariance)
         self.mates: dict[int, Mate] = {}
@@ -79,7 +89,7 @@ class Member:
         self._lives: dict[int, int] = {}
         """Incarnation last heard, by robot."""
         self._status_due = True
-        self._told_status = b""
+        self._told: Status | None = None
         self._told_s = 0.0
         self._fixes: dict[int, Fix] = {}
         if self.me.incarnation > 0:
@@ -227,10 +237,12 @@ class Member:
             return Outgoing(Kind.FIX, pack_fix(self._fixes.pop(index)))
         if self._status_due:
             self._status_due = False
-            self._told_status, self._told_s = pack_status(self._status()), now_ns / 1e9
-            return Outgoing(Kind.STATUS, self._told_status)
+            self._told, self._told_s = self._status(), now_ns / 1e9
+            return Outgoing(Kind.STATUS, pack_status(self._told))
         try:
-            chosen = self.sharing.choose(now_ns / 1e9, payload_bytes, self.rate_bps())
+            seq = 0 if self.radio is None else self.radio.next_seq
+            free = Free(now_ns / 1e9, payload_bytes, self.rate_bps(), seq)
+            chosen = self.sharing.choose(free)
         except DiskError as error:
             self.log.event("disk", str(error))
             return None
@@ -245,6 +257,8 @@ class Member:
             ACTIVITIES.index(self.activity),
             self.claim,
             winch.length_m if winch is not None else 0.0,
+            self.store.mark,
+            self.sharing.settled(),
         )
 
     # --- hearing ----------------------------------------------------------------------------
@@ -258,13 +272,15 @@ class Member:
             self.log.event("refused", f"{frame.kind.name} of {sender}: {error}")
 
     def _take(self, frame: Frame, now_s: float) -> None:
+        heard = Heard(Origin(frame.sender, frame.incarnation), frame.seq, now_s)
         if self._lives.get(frame.sender) != frame.incarnation:
             self._lives[frame.sender] = frame.incarnation
-            self.sharing.clock.newcomer()
+            self.sharing.newcomer(frame.sender)
             self.kick()
+        self.sharing.heard_frame(heard)
         match frame.kind:
             case Kind.MAP:
-                self._take_map(frame, now_s)
+                self._take_map(frame.payload, heard)
             case Kind.ANCHOR:
                 key, anchor = unpack_anchor(frame.payload)
                 mine = self.store.anchors.get(key)
@@ -272,9 +288,9 @@ class Member:
                 if self.store.offer_anchor(key, anchor):
                     self.team.own_changed()
                     self.map_changed_s = now_s
-                self.sharing.heard_anchor(key, anchor.version)
+                self.sharing.heard_anchor(heard, key, anchor.version)
             case Kind.DIGEST:
-                self.sharing.heard_digest(frame.sender, unpack_digest(frame.payload), now_s)
+                self.sharing.heard_report(heard, unpack_report(frame.payload))
                 self.kick()
             case Kind.STATUS:
                 status = unpack_status(frame.payload)
@@ -282,6 +298,7 @@ class Member:
                     allowed = f"0 to {len(ACTIVITIES) - 1} are known"
                     raise AgentError(f"activity {status.activity}; {allowed}")
                 self.mates[frame.sender] = Mate(status, now_s)
+                self.sharing.heard_mark(heard, Mark(status.store_mark, status.settled))
             case Kind.FIX:
                 fix = unpack_fix(frame.payload)
                 if fix.robot == self.settings.index:
@@ -294,19 +311,32 @@ class Member:
             case Kind.STOP:
                 self.inbox.arrived.set()
 
-    def _take_map(self, frame: Frame, now_s: float) -> None:
-        for chunk in unpack_chunks(frame.payload, (frame.sender, frame.incarnation)):
-            if chunk.key.tile >= self.grid.count:
-                raise AgentError(
-                    f"tile {chunk.key.tile}: the team's map has tiles 0 to {self.grid.count - 1}"
-                )
-            mine = self.store.newest(chunk.key)
-            self._check_writer(chunk.key.origin, chunk.version, mine and mine.number)
+    def _take_map(self, payload: bytes, heard: Heard) -> None:
+        taken: list[tuple[Chunk, bool]] = []
+        try:
+            self._take_chunks(unpack_chunks(payload, heard.sender), heard, taken)
+        finally:
+            self.sharing.heard_chunks(heard, taken)
+
+    def _take_chunks(
+        self, chunks: list[Chunk], heard: Heard, taken: list[tuple[Chunk, bool]]
+    ) -> None:
+        for chunk in chunks:
+            self._check(chunk)
+        for chunk in chunks:
             changed = self.store.offer(chunk)
             if changed:
                 self.team.tile_changed(chunk.key)
-                self.map_changed_s = now_s
-            self.sharing.heard_chunk(frame.sender, chunk, changed=changed)
+                self.map_changed_s = heard.now_s
+            taken.append((chunk, changed))
+
+    def _check(self, chunk: Chunk) -> None:
+        if chunk.key.tile >= self.grid.count:
+            raise AgentError(
+                f"tile {chunk.key.tile}: the team's map has tiles 0 to {self.grid.count - 1}"
+            )
+        mine = self.store.newest(chunk.key)
+        self._check_writer(chunk.key.origin, chunk.version, mine and mine.number)
 
     def _check_writer(self, origin: Origin, version: int, newest: int | None) -> None:
         """Refuse what is of nobody's, and what claims to be this robot's own and news to it."""
@@ -323,8 +353,8 @@ class Member:
     async def heartbeat(self) -> None:
         """Tell the team now and then where it is; looks whether a digest is due as well."""
         while True:
-            status = pack_status(self._status())
-            if status != self._told_status or self.now_s >= self._told_s + KEEP_ALIVE_S:
+            told, overdue = self._told, self.now_s >= self._told_s + KEEP_ALIVE_S
+            if told is None or overdue or _differs(self._status(), told):
                 self.tell_status()
             self.kick()
             await asyncio.sleep(self.settings.sharing.status_s)
@@ -333,3 +363,15 @@ class Member:
     def settled(self) -> bool:
         """Whether its work is done and nothing that is worth its bytes is left to send."""
         return self.finished and not self._fixes and self.sharing.settled()
+
+
+def _differs(status: Status, told: Status) -> bool:
+    """Say whether a status tells team-mates something that they would act on."""
+    moved_m = status.pose.distance_m(told.pose)
+    turned_rad = abs(wrap_angle(status.pose.yaw_rad - told.pose.yaw_rad))
+    return (
+        moved_m > TOLD_M
+        or turned_rad > TOLD_RAD
+        or abs(status.tether_m - told.tether_m) > TOLD_M
+        or (status.activity, status.claim) != (told.activity, told.claim)
+    )

@@ -105,11 +105,12 @@ class PlannerSettings(Settings):
 class SharingSettings(Settings):
     """What a robot sends when its link falls free."""
 
-    policy: Literal["value", "latest-first"] = "value"
+    policy: Literal["value", "latest-first", "raw", "paper"] = "value"
+    """What goes first; `raw` and `paper` are for comparison."""
     digest_share: Share = 0.04
-    """Share of the link that digests may take while maps are being sent."""
+    """Share of the link that the team's reports of what was heard may take."""
     status_s: Positive = 10.0
-    """Seconds between two reports of a robot's own pose and state."""
+    """Least seconds between two statuses of a robot that moves."""
 
 
 class TetherSettings(Settings):

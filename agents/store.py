@@ -15,8 +15,9 @@ from typing import NamedTuple
 from agents.errors import AgentError
 from agents.layers import Anchor
 
-MAX_PAYLOAD_BYTES = 1 << 16
+MAX_PAYLOAD_BYTES = 1 << 18
 """No tile's payload is longer; a chunk that says otherwise is refused."""
+MARK_BITS = 24
 
 
 class StoreError(AgentError):
@@ -91,6 +92,7 @@ class Version:
     def add(self, offset: int, data: bytes) -> bool:
         """Add a stretch; return whether it held anything new."""
         start, end = offset, offset + len(data)
+        self.data.extend(bytes(max(0, end - len(self.data))))
         if any(a <= start and end <= b for a, b in self.ranges):
             return False
         self.data[start:end] = data
@@ -116,6 +118,15 @@ class Store:
         self._tiles: dict[TileKey, dict[int, Version]] = {}
         self.anchors: dict[AnchorKey, Anchor] = {}
         self._digest = ""
+        self._mark = 0
+
+    @property
+    def mark(self) -> int:
+        """Return 24 bits that equal stores share, and others but once in 16 million.
+
+        A sum over all entries, whatever their order, so that a change costs no walk over them.
+        """
+        return self._mark
 
     def offer(self, chunk: Chunk) -> bool:
         """Take a chunk; return whether the store changed.
@@ -133,18 +144,20 @@ class Store:
         versions = self._tiles.get(chunk.key, {})
         version = versions.get(chunk.version)
         if version is None:
-            version = Version(chunk.version, chunk.total, bytearray(chunk.total))
+            version = Version(chunk.version, chunk.total, bytearray())
         elif version.total != chunk.total:
             raise StoreError(
                 f"tile {tuple(chunk.key)} version {chunk.version}: a chunk says {chunk.total} "
                 f"bytes in all, an earlier one {version.total}"
             )
+        before = _mark_of_tile(chunk.key, versions)
         if not version.add(chunk.offset, chunk.data):
             return False
         kept = _pruned({**versions, chunk.version: version})
         if chunk.version not in kept:
             return False
         self._tiles[chunk.key] = kept
+        self._mark ^= before ^ _mark_of_tile(chunk.key, kept)
         self._digest = ""
         return True
 
@@ -153,6 +166,7 @@ class Store:
         mine = self.anchors.get(key)
         if mine is not None and mine.version >= anchor.version:
             return False
+        self._mark ^= _mark_of_anchor(key, mine) ^ _mark_of_anchor(key, anchor)
         self.anchors[key] = anchor
         self._digest = ""
         return True
@@ -221,7 +235,25 @@ class Store:
             for key, held in self._tiles.items()
         }
         twin.anchors = {key: replace(anchor) for key, anchor in self.anchors.items()}
+        twin._mark = self._mark
         return twin
+
+
+def _mark_of_tile(key: TileKey, versions: dict[int, Version]) -> int:
+    mark = 0
+    for version in versions.values():
+        if version.prefix_bytes:
+            mark ^= _hash((*key, version.number, version.prefix_bytes))
+    return mark
+
+
+def _mark_of_anchor(key: AnchorKey, anchor: Anchor | None) -> int:
+    return 0 if anchor is None else _hash((*key, -1 - anchor.version))
+
+
+def _hash(entry: tuple[int, ...]) -> int:
+    digest = hashlib.blake2s(repr(entry).encode(), digest_size=MARK_BITS // 8).digest()
+    return int.from_bytes(digest, "little")
 
 
 def _pruned(versions: dict[int, Version]) -> dict[int, Version]:

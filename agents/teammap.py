@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats, GridFrame
 from agents.layers import Anchor, OwnLayer, drawn_at, slope_of
+from agents.payloads import Payloads, Pyramid
 from agents.store import AnchorKey, Origin, Store, TileKey
-from comms.codec import CodecError, DecodedTile, decode_tile, sigma_as_sent
+from comms.codec import DecodedTile, sigma_as_sent
 
 UNIFORM = 1.0 / 3.0
 """Variance of an error spread evenly within a bound of 1."""
@@ -47,6 +48,11 @@ class TileGrid:
             slice(row * side, min((row + 1) * side, self.frame.rows)),
             slice(col * side, min((col + 1) * side, self.frame.cols)),
         )
+
+    def shape(self, tile: int) -> tuple[int, int]:
+        """Return a tile's rows and columns."""
+        rows, cols = self.window(tile)
+        return rows.stop - rows.start, cols.stop - cols.start
 
     def touched(self, mask: Bools) -> list[int]:
         """Return the tiles in which a mask (rows, cols) has a cell."""
@@ -119,13 +125,21 @@ class TeamMap:
     """Keeps one robot's team map up to date, tile by tile, as its layer and its store change."""
 
     def __init__(
-        self, grid: TileGrid, store: Store, own: OwnLayer, me: Origin, max_error_m: float
+        self,
+        grid: TileGrid,
+        store: Store,
+        own: OwnLayer,
+        me: Origin,
+        max_error_m: float,
+        payloads: Payloads | None = None,
     ) -> None:
         """Make the team map of robot `me`, over its store and its own layer.
 
-        `max_error_m` is the bound within which the team's codec sends elevations.
+        `max_error_m` is the bound within which the team's codec sends elevations; `payloads` is how
+        the team writes its tiles.
         """
         self.max_error_m = max_error_m
+        self.payloads: Payloads = payloads or Pyramid()
         self.grid = grid
         self.store = store
         self.own = own
@@ -138,6 +152,7 @@ class TeamMap:
         self._decoded: dict[TileKey, list[tuple[tuple[int, int], DecodedTile]]] = {}
         self._fused: Estimate | None = None
         self._heard: Estimate | None = None
+        self._layers: dict[Origin, Estimate] | None = None
         self._relief: Floats | None = None
 
     def tile_changed(self, key: TileKey) -> None:
@@ -150,11 +165,11 @@ class TeamMap:
         drawing.variance_m2[window] = tile.variance_m2
         drawing.looks[window] = tile.looks
         self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
-        self._fused = self._heard = self._relief = None
+        self._fused = self._heard = self._layers = self._relief = None
 
     def own_changed(self) -> None:
         """Note that this robot measured something, or that an anchor moved."""
-        self._fused = self._heard = self._relief = None
+        self._fused = self._heard = self._layers = self._relief = None
 
     def tile_estimate(self, key: TileKey) -> Estimate:
         """Decode what the store has of a tile, before its anchor is applied.
@@ -162,12 +177,8 @@ class TeamMap:
         A version newer than the newest complete one may be known only coarsely: each cell is
         taken from whichever version knows it best, so no update makes a map worse.
         """
-        rows, cols = self.grid.window(key.tile)
-        shape = (rows.stop - rows.start, cols.stop - cols.start)
-        best = blank(shape)
+        best = blank(self.grid.shape(key.tile))
         for tile in self.decoded(key):
-            if tile.known.shape != shape:
-                continue  # an origin that cuts its tiles otherwise: nothing here can be laid
             variance = np.where(
                 tile.known,
                 tile.sigma_m.astype(np.float64) ** 2 + tile.bound_m**2 * UNIFORM,
@@ -185,7 +196,7 @@ class TeamMap:
             mark = (version.number, version.prefix_bytes)
             tile = cached.get(mark)
             if tile is None and version.prefix_bytes:
-                tile = readable(version.prefix)
+                tile = self.payloads.decode(version.prefix, self.grid.shape(key.tile))
             if tile is not None and tile.level >= 0:
                 fresh.append((mark, tile))
         self._decoded[key] = fresh
@@ -211,8 +222,23 @@ class TeamMap:
     def as_heard(self) -> Estimate:
         """Return the team map with the own cells no finer than team-mates can have them."""
         if self._heard is None:
-            self._heard = self._fuse(own_as_sent=True)
+            self._heard = fuse_origins(
+                list(self._layers_as_heard().values()), self.grid.frame.shape
+            )
         return self._heard
+
+    def layer_bits(self, prior_sigma_m: float) -> dict[Origin, float]:
+        """Return the information that is here of each origin's layer, each taken by itself.
+
+        The own layer counts as team-mates can have it, once all of it was sent.
+        """
+        layers = self._layers_as_heard()
+        return {origin: layer.information_bits(prior_sigma_m) for origin, layer in layers.items()}
+
+    def _layers_as_heard(self) -> dict[Origin, Estimate]:
+        if self._layers is None:
+            self._layers = self._fold_all((True, True))
+        return self._layers
 
     def known_entries(self) -> int:
         """Count the known (origin, submap, cell) entries, own unpublished cells included."""
@@ -240,10 +266,12 @@ class TeamMap:
         return drawing.known
 
     def _fuse(self, *, own_as_sent: bool, with_anchors: bool = True) -> Estimate:
-        kind = (own_as_sent, with_anchors)
-        origins = self._sheets(own_as_sent=own_as_sent)
-        layers = [self._fold(origin, origins[origin], kind) for origin in sorted(origins)]
-        return fuse_origins(layers, self.grid.frame.shape)
+        layers = self._fold_all((own_as_sent, with_anchors))
+        return fuse_origins(list(layers.values()), self.grid.frame.shape)
+
+    def _fold_all(self, kind: tuple[bool, bool]) -> dict[Origin, Estimate]:
+        origins = self._sheets(own_as_sent=kind[0])
+        return {origin: self._fold(origin, origins[origin], kind) for origin in sorted(origins)}
 
     def _sheets(self, *, own_as_sent: bool) -> dict[Origin, list[_Sheet]]:
         """Return all submaps that can be laid, by origin, oldest first."""
@@ -297,14 +325,6 @@ class TeamMap:
             frame, slope_of(drawing.elevation_m, frame.cell_m)
         )
         return Estimate(drawing.elevation_m, variance, drawing.looks)
-
-
-def readable(prefix: bytes) -> DecodedTile | None:
-    """Return what a payload's prefix tells, or None where its origin wrote no map into it."""
-    try:
-        return decode_tile(prefix)
-    except CodecError:
-        return None
 
 
 def moved(drawing: Estimate, anchor: Anchor, frame: GridFrame) -> Estimate:

@@ -167,6 +167,11 @@ class Sealer:
         self._identity = bytes((sender, incarnation))
         self._next_seq = 0
 
+    @property
+    def next_seq(self) -> int:
+        """The number of the next frame."""
+        return self._next_seq
+
     def seal(self, kind: Kind, payload: bytes) -> bytes:
         """Return the next frame; raise SealError if it is too long or the numbers are used up."""
         if len(payload) > MAX_FRAME_BYTES - ENVELOPE_BYTES:

@@ -140,6 +140,11 @@ class Radio:
         """Longest payload that the next frame can hold; 0 while no link carries anything."""
         return max(0, self._transmitter.frame_bytes - ENVELOPE_BYTES)
 
+    @property
+    def next_seq(self) -> int:
+        """The number that the next frame will bear."""
+        return self._sealer.next_seq
+
     def kick(self) -> None:
         """Say that there may be something to send."""
         self._kicked.set()

@@ -81,8 +81,9 @@ def hear(
     sender: int = 1,
     t_s: float = 1.0,
     life: int = 0,
+    seq: int = 0,
 ) -> None:
-    robot.on_frame(Frame(sender, life, 0, kind, payload), round(t_s * NS))
+    robot.on_frame(Frame(sender, life, seq, kind, payload), round(t_s * NS))
 
 
 def measure(robot: Robot, cells: LookCells) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from agents.geometry import Floats, GridFrame, Pose
 from agents.layers import LookCells, OwnLayer, Submap
 from agents.settings import MapSettings, SharingSettings
-from agents.sharing import Sharing
+from agents.sharing import Desk, Policy, way
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
 from agents.teammap import TeamMap, TileGrid
 from comms.codec import encode_tile
@@ -73,8 +73,13 @@ def cut(chunk: Chunk, size: int) -> list[Chunk]:
     ]
 
 
-def team_map(me: Origin, own: OwnLayer | None = None, store: Store | None = None) -> TeamMap:
-    return TeamMap(GRID, store or Store(), own or OwnLayer(FRAME), me, MAX_ERROR_M)
+def team_map(
+    me: Origin, own: OwnLayer | None = None, store: Store | None = None, policy: str = "value"
+) -> TeamMap:
+    chosen = way(policy)
+    grid = TileGrid(FRAME, max(FRAME.shape)) if chosen.whole_map else GRID
+    own = own or OwnLayer(FRAME)
+    return TeamMap(grid, store or Store(), own, me, MAX_ERROR_M, chosen.payloads())
 
 
 def hear(team: TeamMap, chunks: Iterable[Chunk]) -> None:
@@ -94,13 +99,9 @@ def sharing(
     team_size: int,
     journal: list[Chunk] | None = None,
     settings: SharingSettings | None = None,
-) -> Sharing:
+) -> Policy:
     kept: list[Chunk] = [] if journal is None else journal
-    return Sharing(
-        settings or SharingSettings(),
-        MapSettings(cell_m=FRAME.cell_m, tile_cells=16, max_error_m=MAX_ERROR_M),
-        team.me,
-        team_size,
-        team,
-        kept.append,
-    )
+    chosen = settings or SharingSettings()
+    cells = MapSettings(cell_m=FRAME.cell_m, tile_cells=16, max_error_m=MAX_ERROR_M)
+    desk = Desk(chosen, cells, team.me, team_size, team, kept.append)
+    return way(chosen.policy).policy(desk)

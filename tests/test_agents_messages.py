@@ -12,29 +12,31 @@ from hypothesis import strategies as st
 from agents.geometry import Pose
 from agents.layers import Anchor, rounded_pose, rounded_variance
 from agents.messages import (
-    Digest,
     Fix,
-    Held,
-    MessageError,
-    Reader,
-    Section,
     Status,
     TetherCommand,
-    Writer,
     pack_anchor,
     pack_chunks,
-    pack_digest,
     pack_fix,
     pack_status,
     pack_tethers,
     unpack_anchor,
     unpack_chunks,
-    unpack_digest,
     unpack_fix,
     unpack_status,
     unpack_tethers,
 )
+from agents.sharing.reports import (
+    Acks,
+    Held,
+    Holdings,
+    Report,
+    Section,
+    pack_report,
+    unpack_report,
+)
 from agents.store import MAX_PAYLOAD_BYTES, AnchorKey, Chunk, TileKey
+from agents.wire import MessageError, Reader, Writer
 
 quick = settings(max_examples=60, deadline=None)
 bytes_ = st.integers(0, 255)
@@ -47,7 +49,7 @@ SENDER = (7, 2)
 UNPACK: dict[str, Callable[[bytes], Any]] = {
     "map": lambda data: unpack_chunks(data, SENDER),
     "anchor": unpack_anchor,
-    "digest": unpack_digest,
+    "report": unpack_report,
     "status": unpack_status,
     "fix": unpack_fix,
     "tether": unpack_tethers,
@@ -75,7 +77,7 @@ def anchors(draw: st.DrawFn) -> Anchor:
 
 
 @st.composite
-def digests(draw: st.DrawFn) -> Digest:
+def holdings(draw: st.DrawFn) -> Holdings:
     keys = sorted(draw(st.lists(anchor_keys, max_size=4, unique=True)))
     told = tuple((key, draw(st.integers(0, 9))) for key in keys)
     sections: list[Section] = []
@@ -85,7 +87,20 @@ def digests(draw: st.DrawFn) -> Digest:
         last = draw(st.integers(max(tiles, default=first), 300))
         held = tuple(Held(t, draw(st.integers(0, 99)), draw(st.integers(-1, 999))) for t in tiles)
         sections.append(Section(key, first, last, held))
-    return Digest(told, tuple(sections), draw(st.booleans()), draw(st.booleans()))
+    return Holdings(told, tuple(sections), draw(st.booleans()), draw(st.booleans()))
+
+
+@st.composite
+def acks(draw: st.DrawFn) -> Acks:
+    numbers = sorted(draw(st.lists(st.integers(0, 10**6), max_size=6, unique=True)))
+    missed = tuple(zip(numbers[::2], numbers[1::2], strict=False))
+    upto = draw(st.integers(numbers[-1] + 1 if numbers else 0, 2**21))
+    return Acks(draw(bytes_), draw(bytes_), upto, missed)
+
+
+@st.composite
+def reports(draw: st.DrawFn) -> Report:
+    return Report(tuple(draw(st.lists(acks(), max_size=3))), draw(st.none() | holdings()))
 
 
 decimetres = st.integers(-10_000, 10_000).map(lambda n: n / 10)
@@ -93,9 +108,11 @@ statuses = st.builds(
     Status,
     poses,
     variances,
-    bytes_,
+    st.integers(0, 127),
     st.none() | st.tuples(decimetres, decimetres, decimetres),
     st.integers(0, 10_000).map(lambda n: n / 100),
+    st.integers(0, 2**24 - 1),
+    st.booleans(),
 )
 fixes = st.builds(Fix, bytes_, st.integers(0, 10**9).map(lambda n: n / 100), poses, variances)
 commands = st.lists(
@@ -110,7 +127,7 @@ commands = st.lists(
 messages = st.one_of(
     st.lists(chunks(), max_size=4).map(lambda m: ("map", pack_chunks(m, SENDER), m)),
     st.tuples(anchor_keys, anchors()).map(lambda m: ("anchor", pack_anchor(*m), m)),
-    digests().map(lambda m: ("digest", pack_digest(m), m)),
+    reports().map(lambda m: ("report", pack_report(m), m)),
     statuses.map(lambda m: ("status", pack_status(m), m)),
     fixes.map(lambda m: ("fix", pack_fix(m), m)),
     commands.map(lambda m: ("tether", pack_tethers(m), m)),
@@ -239,30 +256,34 @@ def test_a_payload_beyond_the_largest_is_refused_before_it_is_made() -> None:
         unpack_chunks(bytes(out.data) + b"a", SENDER)
 
 
-def test_a_digest_that_promises_billions_is_refused_at_once() -> None:
+def test_a_report_that_promises_billions_is_refused_at_once() -> None:
     out = Writer()
     out.uint(2**35 - 1)
     with pytest.raises(MessageError):
-        unpack_digest(bytes(out.data))
-    with pytest.raises(MessageError, match="section 5"):
-        unpack_digest(bytes([3, 5, 0, 0, 0]))
+        unpack_report(bytes(out.data))
+    with pytest.raises(MessageError, match="section of submap 5"):
+        unpack_report(bytes([1, 3, 5, 0, 0, 0]))
+    with pytest.raises(MessageError, match="33 ranges"):
+        unpack_report(bytes([2, 0, 0, 100, 33, *[0] * 66]))
+    with pytest.raises(MessageError, match="number -1"):
+        unpack_report(bytes([2, 0, 0, 3, 1, 0, 3]))
 
 
-def test_a_digest_out_of_order_is_refused() -> None:
+def test_a_report_out_of_order_is_refused() -> None:
     keys = (AnchorKey(1, 0, 0), AnchorKey(0, 0, 0))
     for pair in (keys, keys[:1] * 2):
         with pytest.raises(MessageError, match="order"):
-            unpack_digest(pack_digest(Digest(tuple((key, 1) for key in pair), ())))
+            unpack_report(pack_report(Report((), Holdings(tuple((key, 1) for key in pair), ()))))
 
 
-def test_a_digest_speaks_of_the_run_of_submaps_that_it_names() -> None:
+def test_a_report_speaks_of_the_run_of_submaps_that_it_names() -> None:
     low, middle, high = (AnchorKey(robot, 0, 0) for robot in (1, 3, 5))
     told = ((low, 1), (high, 1))
     outside = (AnchorKey(0, 9, 9), AnchorKey(6, 0, 0))
     for opens in (False, True):
         for closes in (False, True):
-            digest = Digest(told, (), opens, closes)
-            assert all(digest.speaks_of(key) for key in (low, middle, high))
-            assert [digest.speaks_of(key) for key in outside] == [opens, closes]
-    assert Digest((), ()).speaks_of(low), "it has nothing at all"
-    assert not Digest((), (), opens=True, closes=False).speaks_of(low)
+            said = Holdings(told, (), opens, closes)
+            assert all(said.speaks_of(key) for key in (low, middle, high))
+            assert [said.speaks_of(key) for key in outside] == [opens, closes]
+    assert Holdings((), ()).speaks_of(low), "it has nothing at all"
+    assert not Holdings((), (), opens=True, closes=False).speaks_of(low)

@@ -13,16 +13,15 @@ from agents.briefing import ACTIVITIES
 from agents.fusion import PoseFilter
 from agents.geometry import Pose
 from agents.messages import (
-    Digest,
     Fix,
     Status,
     pack_anchor,
     pack_chunks,
-    pack_digest,
     pack_fix,
     pack_status,
 )
 from agents.robot import Robot
+from agents.sharing.reports import Holdings, Report, pack_report
 from agents.store import AnchorKey, Chunk, Origin, TileKey
 from comms.codec import CodecError, DecodedTile, decode_tile
 from comms.frames import Kind
@@ -90,7 +89,7 @@ def test_bytes_that_are_no_map_tell_nothing_and_stop_nothing(
             raise CodecError("no map")
         return decode_tile(prefix)
 
-    monkeypatch.setattr("agents.teammap.decode_tile", decode)
+    monkeypatch.setattr("agents.payloads.decode_tile", decode)
     measure(robot, look(np.random.default_rng(3)))
     for tile in range(GRID.count):
         chunk = Chunk(TileKey(1, 0, 0, tile), 1, len(no_map), 0, no_map)
@@ -98,7 +97,7 @@ def test_bytes_that_are_no_map_tell_nothing_and_stop_nothing(
     anchor = layer(np.random.default_rng(1)).submaps[0].anchor
     hear(robot, Kind.ANCHOR, pack_anchor(AnchorKey(1, 0, 0), anchor))
     assert np.array_equal(robot.team.fused().known, robot.own.submaps[0].known)
-    hear(robot, Kind.DIGEST, pack_digest(Digest((), ())), sender=2)
+    hear(robot, Kind.DIGEST, pack_report(Report((), Holdings((), ()))), sender=2)
     relayed = [chunk for chunk in say(robot, 30) if chunk.key.robot == 1]
     assert relayed, "stores are equal everywhere, whatever is in them"
 

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from robot_helpers import NS, PAYLOAD_BYTES, hear, measure, robot_on, save
 from team_helpers import FRAME, GRID, look
 
+from agents.member import KEEP_ALIVE_S
 from agents.robot import Robot
+from comms.frames import Kind
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("comms", "agents", "sim", "scenarios")
@@ -23,6 +25,19 @@ TEAM = 3
 # --- a team under misfortune ----------------------------------------------------------------
 
 
+class Radio:
+    """A robot's end of the lossy air: it numbers frames."""
+
+    def __init__(self) -> None:
+        self.next_seq = 0
+
+    def kick(self) -> None:
+        pass
+
+    def send_urgent(self, *_: object) -> None:
+        raise AssertionError("a robot that only talks commands nobody")
+
+
 class Team:
     """Robots on folders, who hear each other through lossy air; they die and come back."""
 
@@ -32,11 +47,15 @@ class Team:
         self.robots: dict[int, Robot] = {}
         self.measured = np.zeros(FRAME.shape)
         self.now_s = 0.0
+        self.radios: dict[int, Radio] = {}
+        self.told_s = 0.0
         for index in range(TEAM):
             self.restart(index)
 
     def restart(self, index: int) -> None:
-        self.robots[index] = robot_on(self.folder / str(index), index)
+        robot = robot_on(self.folder / str(index), index)
+        robot.radio = self.radios[index] = Radio()
+        self.robots[index] = robot
 
     def look(self, index: int) -> None:
         cells = look(self.rng)
@@ -48,6 +67,10 @@ class Team:
         """Let all send so many frames each; return whether they have come to rest."""
         quiet = False
         for _ in range(rounds):
+            if self.now_s >= self.told_s + KEEP_ALIVE_S:
+                self.told_s = self.now_s
+                for robot in self.robots.values():
+                    robot.tell_status()
             said = [
                 (index, robot.me.incarnation, robot.choose_frame(self.t_ns, PAYLOAD_BYTES))
                 for index, robot in self.robots.items()
@@ -55,11 +78,16 @@ class Team:
             quiet = all(outgoing is None for *_, outgoing in said)
             self.now_s += 10.0 if quiet else 0.2
             for sender, life, outgoing in said:
+                if outgoing is None:
+                    continue
+                seq = self.radios[sender].next_seq
+                self.radios[sender].next_seq += 1
                 for index, robot in self.robots.items():
-                    if outgoing is None or sender == index or deaf in (sender, index):
+                    if sender == index or deaf in (sender, index):
                         continue
                     if self.rng.random() >= loss:
-                        hear(robot, outgoing.kind, outgoing.payload, sender, self.now_s, life)
+                        kind, payload = outgoing.kind, outgoing.payload
+                        hear(robot, kind, payload, sender, self.now_s, life, seq)
             if quiet and self.is_settled:
                 return True
         return False

@@ -1,0 +1,320 @@
+"""Worth per byte: the chunk that tells listeners most of what they lack, for the bytes it takes.
+
+Worth is information (bits of Eq. 3's kind: log2 of sigma before over sigma after) that listeners
+lack, over all listeners, times the weight of the place for the team's task. One frame serves all
+who hear it; loss of a frame costs that frame and a few bytes of a report (`agents.sharing.repair`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.messages import CHUNK_HEADER_BYTES, pack_anchor, pack_chunks
+from agents.sharing.beliefs import stretch_of
+from agents.sharing.policy import Desk, Free, Heard, Policy
+from agents.sharing.repair import Mark, Repair
+from agents.sharing.reports import Report
+from agents.store import AnchorKey, Chunk, TileKey, Version
+from agents.teammap import UNIFORM, Estimate
+from comms.frames import Kind
+
+MIN_BITS_PER_BYTE = 0.5
+"""Less than this is not worth a byte of radio: the run has settled when nothing better is left."""
+SMALLEST_CHUNK_BYTES = 16
+"""No chunk of another tile is begun in less room than this at the end of a frame."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What a version's payload is worth, level by level."""
+
+    ends: tuple[int, ...]
+    """Bytes at which each level is whole."""
+    bits: tuple[float, ...]
+    """Information of the tile at each level, against the prior."""
+    known_bytes: int
+    """Length of the prefix that this was worked out from."""
+
+    def bits_at(self, prefix_bytes: int) -> float:
+        """Return the information of a prefix: that of its last whole level."""
+        done = [bits for end, bits in zip(self.ends, self.bits, strict=True) if end <= prefix_bytes]
+        return done[-1] if done else 0.0
+
+
+@dataclass
+class Offer:
+    """The best next stretch of one version of a tile: its worth per byte, and where it starts.
+
+    Version 0 is one that was not published yet.
+    """
+
+    density: float
+    version: int
+    start: int = 0
+
+
+@dataclass
+class Published:
+    """What this robot published last of one of its tiles."""
+
+    information_bits: float
+    size_bytes: int
+
+
+class Value(Policy):
+    """What lacks most, for the bytes it takes, goes first."""
+
+    def __init__(self, desk: Desk) -> None:
+        """Share what the desk's team map (store and own layer) holds."""
+        super().__init__(desk)
+        tiles = desk.team.grid.count
+        self.repair = Repair(desk.settings, desk.me, desk.team_size, desk.store, tiles)
+        self.published: dict[TileKey, Published] = {}
+        self._steps: dict[tuple[TileKey, int], Steps] = {}
+        self._offers: dict[TileKey, Offer] = {}
+        self._stale: set[TileKey] = set()
+
+    # --- what changed ---------------------------------------------------------------------
+
+    def own_tiles_changed(self, submap: int, tiles: list[int]) -> None:
+        """Note that own tiles were measured again."""
+        for tile in tiles:
+            self._stale.add(TileKey(*self.me, submap, tile))
+
+    def recovered(self, key: TileKey) -> None:
+        """Note that a tile of a former life is here, from disk; nobody may have heard of it."""
+        self._stale.add(key)
+        self.repair.changed(key, -1.0)
+
+    def heard_frame(self, heard: Heard) -> None:
+        """Note that a frame was heard, whatever is in it."""
+        if self.repair.heard(heard.sender, heard.seq, heard.now_s):
+            self._stale.update(self.store.keys())
+
+    def heard_chunks(self, heard: Heard, chunks: list[tuple[Chunk, bool]]) -> None:
+        """Note the map chunks of a frame, and which of them were news to the store."""
+        stretches = tuple(stretch_of(chunk) for chunk, _ in chunks)
+        self.repair.heard_stretches(heard.sender, heard.seq, heard.now_s, stretches)
+        for chunk, changed in chunks:
+            self._stale.add(chunk.key)
+            if changed:
+                self.repair.changed(chunk.key, heard.now_s)
+
+    def heard_anchor(self, heard: Heard, key: AnchorKey, version: int) -> None:
+        """Note that an anchor was heard."""
+        self.repair.heard_anchor(heard.sender, heard.seq, heard.now_s, key, version)
+
+    def heard_report(self, heard: Heard, report: Report) -> None:
+        """Believe what a team-mate says, but for what was sent only just now."""
+        self._stale.update(self.repair.heard_report(heard.sender.robot, report, heard.now_s))
+
+    def heard_mark(self, heard: Heard, mark: Mark) -> None:
+        """Compare a team-mate's store with this robot's."""
+        mine = Mark(self.store.mark, self.settled())
+        self.repair.heard_mark(heard.sender.robot, mark, mine, heard.now_s)
+
+    # --- what to send ---------------------------------------------------------------------
+
+    def choose(self, free: Free) -> tuple[Kind, bytes] | None:
+        """Return the next frame's kind and payload, or None when nothing is worth sending."""
+        anchor = self._missing_anchor()
+        if anchor is not None:
+            known = self.store.anchors[anchor]
+            self.repair.sent_anchor(free.seq, free.now_s, anchor, known.version)
+            return Kind.ANCHOR, pack_anchor(anchor, known)
+        report = self.repair.next_report(free.now_s, free.payload_bytes, free.rate_bps)
+        if report is not None:
+            return Kind.DIGEST, report
+        chunks = self._choose_chunks(free)
+        return (Kind.MAP, pack_chunks(chunks, self.me)) if chunks else None
+
+    def settled(self) -> bool:
+        """Say whether nothing is left that is worth its bytes, as far as this robot knows."""
+        self._refresh()
+        return self._missing_anchor() is None and self._best() is None
+
+    def _missing_anchor(self) -> AnchorKey | None:
+        """Return a submap whose anchor some peer lacks, once any of its tiles is published."""
+        listeners = self.repair.listeners
+        for key in sorted(self.store.anchors):
+            version = self.store.anchors[key].version
+            if any(b.lacks_anchor(key, version) for b in listeners):
+                return key
+        return None
+
+    def _choose_chunks(self, free: Free) -> list[Chunk]:
+        """Fill one frame with the chunks of most worth per byte."""
+        chunks: list[Chunk] = []
+        room = free.payload_bytes
+        while room >= CHUNK_HEADER_BYTES + SMALLEST_CHUNK_BYTES:
+            self._refresh()
+            key = self._best()
+            if key is None:
+                break
+            if self._offers[key].version == 0:
+                self._publish(key)
+                continue
+            chunk = self._chunk(key, room - CHUNK_HEADER_BYTES)
+            chunks.append(chunk)
+            room -= CHUNK_HEADER_BYTES + len(chunk.data)
+            self.repair.goes_out(stretch_of(chunk), free.now_s)
+            self._stale.add(key)
+        if chunks:
+            self.repair.sent(free.seq, free.now_s, tuple(stretch_of(c) for c in chunks))
+        return chunks
+
+    def _best(self) -> TileKey | None:
+        """Return the tile whose offer is worth most per byte, if any is worth a byte."""
+        best, best_density = None, MIN_BITS_PER_BYTE
+        for key in self._offers:
+            density = self._offers[key].density
+            if density > best_density or (density == best_density and best and key < best):
+                best, best_density = key, density
+        return best
+
+    def _chunk(self, key: TileKey, room: int) -> Chunk:
+        offer = self._offers[key]
+        version = self.store.version(key, offer.version)
+        assert version is not None
+        # What fits beyond the wished level goes along: the next level begins where this one ends.
+        end = min(offer.start + room, version.prefix_bytes)
+        data = bytes(version.data[offer.start : end])
+        return Chunk(key, version.number, version.total, offer.start, data)
+
+    def _refresh(self) -> None:
+        """Work out the offers of all tiles that changed."""
+        for key in sorted(self._stale):
+            offer = self._offer(key)
+            if offer is None:
+                self._offers.pop(key, None)
+            else:
+                self._offers[key] = offer
+        self._stale.clear()
+
+    def _offer(self, key: TileKey) -> Offer | None:
+        known = self._offer_of_published(key)
+        fresh = self._offer_to_publish(key) if key.origin == self.me else None
+        if fresh is not None and (known is None or fresh.density > known.density):
+            return fresh
+        return known
+
+    def _offer_of_published(self, key: TileKey) -> Offer | None:
+        """Return the best next stretch of a tile, for all who lack it.
+
+        What was heard of a newer version may be less than the whole of an older one: then both
+        count, and the origin may be no more to send the rest.
+        """
+        offers = [self._offer_of_version(key, version) for version in self.store.versions(key)]
+        known = [offer for offer in offers if offer is not None]
+        return max(known, key=lambda offer: (offer.density, offer.version), default=None)
+
+    def _offer_of_version(self, key: TileKey, version: Version) -> Offer | None:
+        if version.prefix_bytes == 0:
+            return None
+        listeners = self.repair.listeners
+        start = min((b.prefix_of(key, version) for b in listeners), default=version.prefix_bytes)
+        if start >= version.prefix_bytes:
+            return None
+        steps = self._steps_of(key, version)
+        have = [b.bits_of(key, version, self._steps) for b in listeners]
+        best_density = 0.0
+        for end, bits in zip(steps.ends, steps.bits, strict=True):
+            if end <= start:
+                continue
+            gain = sum(max(0.0, bits - had) for had in have)
+            density = self.weight(key) * gain / (end - start + CHUNK_HEADER_BYTES)
+            best_density = max(best_density, density)
+        # A payload that was begun is finished once nothing better is left: the last level alone
+        # is exact, and what it adds to a mask counts for more than its bits say.
+        return Offer(max(best_density, MIN_BITS_PER_BYTE * 1.01), version.number, start)
+
+    def _offer_to_publish(self, key: TileKey) -> Offer | None:
+        """Return what a new version of an own tile would be worth, by an estimate of its size."""
+        estimate = self._own_tile(key)
+        bits = estimate.information_bits(self.desk.map.prior_sigma_m)
+        before = self.published.get(key)
+        gain = bits - (before.information_bits if before else 0.0)
+        if gain <= 0:
+            return None
+        known = int(np.count_nonzero(estimate.known))
+        size = before.size_bytes if before else 24 + known // 5
+        listeners = len(self.repair.listeners)
+        density = self.weight(key) * gain * listeners / (size + CHUNK_HEADER_BYTES)
+        return Offer(density, 0)
+
+    def _own_tile(self, key: TileKey) -> Estimate:
+        submap = self.desk.team.own.submaps[key.submap]
+        window = self.desk.team.grid.window(key.tile)
+        elevation, variance = submap.estimate(window)
+        bound = self.desk.map.max_error_m**2 * UNIFORM
+        return Estimate(elevation, variance + bound, submap.looks[window])
+
+    def _publish(self, key: TileKey) -> None:
+        chunk, encoded = self.publish(key)
+        self.repair.changed(key, -1e9)
+        self._steps[key, chunk.version] = self._worth(key, encoded.data, encoded.level_ends)
+        # The gain is counted against what was published, not against what is worth sending of it.
+        bits = self._own_tile(key).information_bits(self.desk.map.prior_sigma_m)
+        self.published[key] = Published(bits, len(encoded.data))
+        self._stale.add(key)
+
+    def _steps_of(self, key: TileKey, version: Version) -> Steps:
+        """Return what a version is worth level by level; of one that was heard, all at once.
+
+        Where its levels end only its origin knows; who relays it sends all that it has.
+        """
+        known = self._steps.get((key, version.number))
+        if known is None or known.known_bytes < version.prefix_bytes:
+            known = self._worth(key, version.prefix, (version.prefix_bytes,))
+            self._steps[key, version.number] = known
+        return known
+
+    def _worth(self, key: TileKey, data: bytes, ends: tuple[int, ...]) -> Steps:
+        """Decode a payload level by level and count the information of each."""
+        shape = self.desk.team.grid.shape(key.tile)
+        bits: list[float] = []
+        for end in ends:
+            tile = self.desk.payloads.decode(data[:end], shape)
+            if tile is None:
+                bits.append(0.0)
+                continue
+            variance = tile.sigma_m[tile.known].astype(np.float64) ** 2 + tile.bound_m**2 * UNIFORM
+            gains = np.maximum(0.0, 0.5 * np.log2(self.desk.map.prior_sigma_m**2 / variance))
+            bits.append(float(np.sum(gains)))
+        return Steps(tuple(ends), tuple(bits), len(data))
+
+
+class LatestFirst(Value):
+    """The tile that was published last goes first, whole; for comparison."""
+
+    def __init__(self, desk: Desk) -> None:
+        """Begin like `Value`."""
+        super().__init__(desk)
+        self._news_count = 0
+        self._order: dict[TileKey, int] = {}
+
+    def recovered(self, key: TileKey) -> None:
+        """Note when it came."""
+        self._came(key)
+        super().recovered(key)
+
+    def heard_chunks(self, heard: Heard, chunks: list[tuple[Chunk, bool]]) -> None:
+        """Note when they came."""
+        for chunk, changed in chunks:
+            if changed:
+                self._came(chunk.key)
+        super().heard_chunks(heard, chunks)
+
+    def _publish(self, key: TileKey) -> None:
+        super()._publish(key)
+        self._came(key)
+
+    def _came(self, key: TileKey) -> None:
+        self._news_count += 1
+        self._order[key] = self._news_count
+
+    def _offer_of_version(self, key: TileKey, version: Version) -> Offer | None:
+        offer = super()._offer_of_version(key, version)
+        if offer is not None:
+            offer.density = 1e6 + self._order.get(key, 0)
+        return offer
