@@ -171,6 +171,11 @@ class Store:
         self._digest = ""
         return True
 
+    @property
+    def payload_bytes(self) -> int:
+        """Length of all that can be decoded of the newest versions."""
+        return sum(held[max(held)].prefix_bytes for held in self._tiles.values())
+
     def merge(self, other: "Store") -> None:
         """Take all that another store has."""
         for key, version in other.all_versions():

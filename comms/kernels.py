@@ -34,7 +34,7 @@ def cache_dir() -> Path:
 
 def sources_with_kernels() -> list[Path]:
     """Return the source files of the four rooms that hold kernels or parts of kernels."""
-    files = [path for room in ROOMS for path in sorted((ROOT / room).glob("*.py"))]
+    files = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
     return [path for path in files if any(m in path.read_bytes() for m in (b"@kernel", b"@part"))]
 
 

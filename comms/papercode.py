@@ -22,6 +22,7 @@ from comms.gridcode import LARGEST_SIDE, check_grid
 from comms.paper import quadtree
 from comms.paper.bits import Bytes, Words
 from comms.paper.decimation import decimated
+from comms.paper.head import COMPRESSORS, Head
 from comms.paper.predictive import LARGEST, predictive_pack, predictive_unpack
 from comms.paper.quadtree import Flags, Floats, Squares
 from comms.paper.sections import (
@@ -36,13 +37,19 @@ from comms.paper.sections import (
 )
 from comms.sigmacode import HIGHEST, LOWEST, code_of, sigma_of
 
+__all__ = [
+    "COMPRESSORS",
+    "CUTOFF_BITS",
+    "PaperMap",
+    "PaperPayload",
+    "decode_paper_map",
+    "encode_paper_map",
+]
+
 Bools = NDArray[np.bool_]
 Singles = NDArray[np.float32]
 
-COMPRESSORS = ("lzw", "huffman", "rle", "jpeg-ls")
 CUTOFF_BITS = 0.5
-_TREE_OF = {"lzw": "lzw", "huffman": "huffman", "rle": "rle", "jpeg-ls": "huffman"}
-"""What packs the trees: a predictive coder packs elevations only, and goes with Huffman's codes."""
 _LARGEST_SIGMA_M = 4096.0
 
 
@@ -108,7 +115,7 @@ def encode_paper_map(
     symbols, leaves = _divide(kept, mask, step_m, cutoff_bits, critical)
     means, spreads = quadtree.leaf_means(kept, mask, leaves)
     bins = np.floor(means / step_m + 0.5).astype(np.int64)
-    head = _Head(known.shape, step_m, compressor, sigma_m is not None, critical)
+    head = Head(known.shape, step_m, compressor, sigma_m is not None, critical)
     data = head.to_bytes() + _mask_sections(mask, head.tree)
     if leaves.size:
         data += section(symbols, head.tree) + _values_section(bins, leaves, head)
@@ -133,7 +140,7 @@ def decode_paper_map(data: bytes, max_cells: int = LARGEST_SIDE**2) -> PaperMap:
     `max_cells` cells.
     """
     cursor = Cursor(data)
-    head = _Head.read(cursor, max_cells)
+    head = Head.read(cursor, max_cells)
     mask = _read_mask(cursor, head)
     elevation_m = np.full(head.shape, np.nan, np.float32)
     sigma_m = elevation_m.copy() if head.has_sigma else None
@@ -146,43 +153,6 @@ def decode_paper_map(data: bytes, max_cells: int = LARGEST_SIDE**2) -> PaperMap:
             quadtree.paint(sigmas, mask, leaves, sigma_m)
     cursor.end()
     return PaperMap(elevation_m, mask.astype(np.bool_), sigma_m)
-
-
-@dataclass(frozen=True)
-class _Head:
-    """What a receiver has to know first: eight bytes."""
-
-    shape: tuple[int, int]
-    step_m: float
-    compressor: str
-    has_sigma: bool
-    critical: int
-
-    @property
-    def tree(self) -> str:
-        """What packs all but the elevations."""
-        return _TREE_OF[self.compressor]
-
-    def to_bytes(self) -> bytes:
-        """One byte of choices, twelve bits for each side, the bins as float32."""
-        choices = COMPRESSORS.index(self.compressor) | int(self.has_sigma) << 2
-        choices |= (self.critical.bit_length() - 1) << 3
-        sides = (self.shape[0] - 1) << 12 | (self.shape[1] - 1)
-        step = np.array(self.step_m, "<f4").tobytes()
-        return bytes([choices]) + sides.to_bytes(3, "big") + step
-
-    @staticmethod
-    def read(cursor: Cursor, max_cells: int) -> "_Head":
-        choices = cursor.take(1)[0]
-        sides = int.from_bytes(cursor.take(3), "big")
-        step_m = float(np.frombuffer(cursor.take(4), "<f4")[0])
-        rows, cols = (sides >> 12) + 1, (sides & 4095) + 1
-        if rows * cols > max_cells:
-            raise CodecError(f"a grid of {rows} x {cols} cells is above {max_cells} cells")
-        if choices > 127 or choices >> 3 > 12 or not (math.isfinite(step_m) and step_m > 0):
-            raise CodecError(f"no map begins with a byte {choices} and bins of {step_m:g} m")
-        compressor = COMPRESSORS[choices & 3]
-        return _Head((rows, cols), step_m, compressor, bool(choices & 4), 1 << (choices >> 3))
 
 
 def _check_choices(
@@ -206,7 +176,7 @@ def _mask_sections(mask: Flags, compressor: str) -> bytes:
     return section(symbols[:n], compressor) + section(blocks[:mixed], compressor)
 
 
-def _read_mask(cursor: Cursor, head: "_Head") -> Flags:
+def _read_mask(cursor: Cursor, head: Head) -> Flags:
     most = quadtree.most_nodes(head.shape)
     symbols = read_section(cursor, head.tree, most)
     blocks = read_section(cursor, head.tree, most)
@@ -250,7 +220,7 @@ def _ranks(bins: Words, mask: Flags) -> tuple[Words, int]:
     return ranks.reshape(bins.shape).astype(np.int64), found.size
 
 
-def _values_section(bins: Words, leaves: Squares, head: _Head) -> bytes:
+def _values_section(bins: Words, leaves: Squares, head: Head) -> bytes:
     """Return the leaves' bins: the first by itself, the others as the compressor likes them."""
     first = number_bytes(int(folded(bins[:1])[0]))
     if head.compressor != "jpeg-ls":
@@ -259,14 +229,14 @@ def _values_section(bins: Words, leaves: Squares, head: _Head) -> bytes:
     return first + number_bytes(len(packed)) + packed
 
 
-def _read_values(cursor: Cursor, head: _Head, leaves: Squares) -> Words:
+def _read_values(cursor: Cursor, head: Head, leaves: Squares) -> Words:
     first = unfolded(np.array([cursor.number()]))
     if head.compressor != "jpeg-ls":
         return first + np.cumsum(unfolded(read_numbers(cursor, head.tree, len(leaves))))
     return first + predictive_unpack(cursor.take(cursor.number()), leaves, head.shape)
 
 
-def _read_leaves(cursor: Cursor, head: _Head, mask: Flags) -> Squares:
+def _read_leaves(cursor: Cursor, head: Head, mask: Flags) -> Squares:
     symbols = read_section(cursor, head.tree, quadtree.most_nodes(head.shape))
     # A symbol divides a quadrant into quarters, and may divide all of them, to the critical size.
     leaves = np.empty((min(int(mask.sum()), 16 * symbols.size), 3), np.int32)
@@ -283,13 +253,14 @@ def _sigma_codes(
     """Return the code (N,) of each leaf's standard deviation; `other`: variances to be added."""
     if sigma_m.shape != known.shape:
         raise CodecError(f"sigma {sigma_m.shape} and mask {known.shape} must be one grid")
-    code_of(sigma_m.astype(np.float64), known)
-    variance, _ = quadtree.leaf_means(sigma_m.astype(np.float64) ** 2, mask, leaves)
+    each_m = np.where(known, sigma_m, 0.0)
+    code_of(each_m, known)
+    variance, _ = quadtree.leaf_means(each_m**2, mask, leaves)
     together = np.minimum(np.sqrt(variance + other), _LARGEST_SIGMA_M)
     return code_of(together, np.ones(len(leaves), np.bool_))
 
 
-def _read_sigmas(cursor: Cursor, head: _Head, count: int) -> Floats:
+def _read_sigmas(cursor: Cursor, head: Head, count: int) -> Floats:
     codes = np.cumsum(unfolded(read_numbers(cursor, head.tree, count)))
     if codes.size and (codes.min() < LOWEST or codes.max() > HIGHEST):
         raise CodecError("a standard deviation in the bytes is none")

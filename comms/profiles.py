@@ -1,31 +1,32 @@
-"""What a link is: named radios, and the settings that change them for a team, a robot or a pair.
+"""What a link is: named radios, and how settings for a team, a robot or a pair change them.
 
 Settings are laid over each other: team, then the sending robot, then the directed pair, then the
 changes of the running scenario in the order of their instants. A layer that names a profile
-replaces the radio (rate, latency, jitter, frame and overhead bytes) of the layers below it. Loss,
-range and `up` are circumstances: they stay until a later layer sets them. A robot's settings are
-its transmitter's, but for `up`: a radio that is off neither sends nor hears.
+replaces the radio (rate, latency, jitter, frame and overhead bytes) of the layers below it. All
+else (`up`, range, loss and the other faults, the channel) is circumstance: it stays until a later
+layer sets it. A robot's settings are its transmitter's, but for `up` (a radio that is off neither
+sends nor hears) and the height of its antenna.
 """
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import permutations
-from typing import Annotated, Literal
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
-from pydantic import Field, field_validator
-
+from comms.channel import ONE_EACH, Shared, airtime_ns
 from comms.errors import CommsError
-from comms.frames import MAX_FRAME_BYTES
-from comms.settings import Settings
+from comms.faults import NO_FAULTS, Faults
+from comms.linksettings import (
+    ALL,
+    DEFAULT_PROFILE,
+    MIN_FRAME_BYTES,
+    LinkChange,
+    LinkSettings,
+    ProfileName,
+    TeamLinks,
+    pair_of,
+)
 from comms.timebase import from_s
-
-ProfileName = Literal["sojourner", "uhf-9600", "mer-low", "mer-high", "orbiter", "unlimited"]
-DEFAULT_PROFILE: ProfileName = "uhf-9600"
-ALL = "all"
-"""Target of a change that concerns every link."""
-MIN_FRAME_BYTES = 64
-"""Every link takes frames of this length: what is urgent can be built to fit any of them."""
 
 
 class LinkError(CommsError):
@@ -52,6 +53,14 @@ class LinkProfile:
     up: bool = True
     range_m: float | None = None
     """Nothing is heard from farther off; None: range doesn't matter."""
+    faults: Faults = NO_FAULTS
+    """What else may go wrong."""
+    shared: Shared = ONE_EACH
+    """Who may speak when; the same for all links of a team."""
+    antenna_m: float = 1.0
+    """Height of the sender's antenna over the ground."""
+    mate_antenna_m: float = 1.0
+    """Height of the receiver's."""
 
     @property
     def carries(self) -> bool:
@@ -75,70 +84,26 @@ PROFILES: dict[ProfileName, LinkProfile] = {
     # For comparison: what a team could do if bytes were free. News still takes a moment.
     "unlimited": LinkProfile("unlimited", math.inf, 20_000_000, 1024, 0),
 }
-
-
-class LinkSettings(Settings):
-    """What can be said about a link; what is left out stays as the layers below have it."""
-
-    profile: ProfileName | None = None
-    """The radio to start from."""
-    rate_bps: Annotated[float, Field(ge=0, le=1e9)] | None = None
-    """Bits a second on air, at least 1; 0 means that nothing passes."""
-    latency_s: Annotated[float, Field(ge=0.001, le=3600)] | None = None
-    """From the end of a frame's transmission to its arrival."""
-    jitter_s: Annotated[float, Field(ge=0, le=3600)] | None = None
-    """Up to this much is added to a frame's latency."""
-    loss: Annotated[float, Field(ge=0, le=1)] | None = None
-    """Probability that a frame is not heard."""
-    frame_bytes: Annotated[int, Field(ge=MIN_FRAME_BYTES, le=MAX_FRAME_BYTES)] | None = None
-    """Longest frame, envelope included."""
-    overhead_bytes: Annotated[int, Field(ge=0, le=1024)] | None = None
-    """Charged for every frame on top of its own bytes."""
-    up: bool | None = None
-    """False: switched off."""
-    range_m: Annotated[float, Field(gt=0)] | None = None
-    """Nothing is heard from farther off."""
-
-    @field_validator("rate_bps")
-    @classmethod
-    def _whole_bits(cls, rate_bps: float | None) -> float | None:
-        if rate_bps is not None and 0 < rate_bps < 1:
-            raise ValueError(f"rate_bps is {rate_bps:g}; 0 (nothing passes) or at least 1 allowed")
-        return rate_bps
-
-
-class TeamLinks(LinkSettings):
-    """The links of a team: settings for all, for one robot, for one directed pair."""
-
-    profile: ProfileName | None = DEFAULT_PROFILE
-    robots: dict[str, LinkSettings] = Field(default_factory=dict[str, LinkSettings])
-    """By robot: its transmitter; `up = false` also stops its receiver."""
-    pairs: dict[str, LinkSettings] = Field(default_factory=dict[str, LinkSettings])
-    """By directed pair, "sender>receiver"."""
-
-    @field_validator("pairs")
-    @classmethod
-    def _directed(cls, pairs: dict[str, LinkSettings]) -> dict[str, LinkSettings]:
-        for key in pairs:
-            pair_of(key)
-        return pairs
-
-
-@dataclass(frozen=True)
-class LinkChange:
-    """Something that happens to links while a scenario runs."""
-
-    target: str
-    """`"all"`, a robot's name, or "sender>receiver"."""
-    settings: LinkSettings
-
-
-def pair_of(key: str) -> tuple[str, str]:
-    """Return (sender, receiver) of "sender>receiver"; raise ValueError where it is none."""
-    names = [name.strip() for name in key.split(">")]
-    if len(names) != 2 or not all(names) or names[0] == names[1]:
-        raise ValueError(f'pair is "{key}"; two different robots as "sender>receiver" are allowed')
-    return names[0], names[1]
+_CIRCUMSTANCES = (
+    "loss",
+    "range_m",
+    "faults",
+    "shared",
+    "antenna_m",
+    "mate_antenna_m",
+)
+_PLAIN = (
+    "rate_bps",
+    "latency_ns",
+    "jitter_ns",
+    "frame_bytes",
+    "overhead_bytes",
+    "loss",
+    "range_m",
+    "antenna_m",
+)
+_FAULTS = tuple(f.name for f in fields(Faults))
+_SHARED = {"kind": "channel", "slot_ns": "slot_ns", "backoff_ns": "backoff_ns"}
 
 
 @dataclass
@@ -171,15 +136,33 @@ class _Switches:
         return self.radios.get(sender, self.team) and self.radios.get(receiver, True)
 
 
+def _said(layer: LinkSettings, name: str) -> Any:
+    """Return what a layer says of a link's field, in that field's unit; None: nothing."""
+    if not name.endswith("_ns"):
+        return getattr(layer, name, None)
+    value_s = getattr(layer, f"{name[:-3]}_s", None)
+    if name == "outages_ns":
+        return None if value_s is None else tuple((from_s(a), from_s(b)) for a, b in value_s)
+    return None if value_s is None else from_s(value_s)
+
+
+def _news(layer: LinkSettings, names: Iterable[str]) -> dict[str, Any]:
+    told = {name: _said(layer, name) for name in names}
+    return {name: value for name, value in told.items() if value is not None}
+
+
 def _laid(below: LinkProfile, layer: LinkSettings) -> LinkProfile:
     """Return the link with one more layer of settings (all but `up`) laid over it."""
     if layer.profile is not None:
-        below = replace(PROFILES[layer.profile], loss=below.loss, range_m=below.range_m)
-    latency_ns = below.latency_ns if layer.latency_s is None else from_s(layer.latency_s)
-    jitter_ns = below.jitter_ns if layer.jitter_s is None else from_s(layer.jitter_s)
-    plain = ("rate_bps", "loss", "frame_bytes", "overhead_bytes", "range_m")
-    said = {name: getattr(layer, name) for name in plain if getattr(layer, name) is not None}
-    return replace(below, latency_ns=latency_ns, jitter_ns=jitter_ns, **said)
+        kept = {name: getattr(below, name) for name in _CIRCUMSTANCES}
+        below = replace(PROFILES[layer.profile], **kept)
+    news = _news(layer, _PLAIN)
+    if faults := _news(layer, _FAULTS):
+        news["faults"] = replace(below.faults, **faults)
+    shared = {name: _said(layer, key) for name, key in _SHARED.items()}
+    if shared := {name: value for name, value in shared.items() if value is not None}:
+        news["shared"] = replace(below.shared, **shared)
+    return replace(below, **news)
 
 
 def _layers(
@@ -206,14 +189,45 @@ def resolve(
     links: TeamLinks, sender: str, receiver: str, changes: Iterable[LinkChange] = ()
 ) -> LinkProfile:
     """Return the link from `sender` to `receiver` after the `changes` that have happened so far."""
+    return _resolved(_layers(links, sender, receiver, changes), sender, receiver)
+
+
+def _resolved(
+    layers: Iterable[tuple[str, LinkSettings]], sender: str, receiver: str
+) -> LinkProfile:
     profile = PROFILES[DEFAULT_PROFILE]
     switches = _Switches()
-    for target, settings in _layers(links, sender, receiver, changes):
+    for target, settings in layers:
         if settings.up is not None:
             switches.set(target, settings.up)
         if target != receiver:
             profile = _laid(profile, settings)
+        height_m = _said(settings, "antenna_m")
+        if target in (ALL, receiver) and height_m is not None:
+            profile = replace(profile, mate_antenna_m=height_m)
     return replace(profile, up=switches.up(sender, receiver))
+
+
+def _ever(
+    links: TeamLinks, names: Sequence[str], changes: Sequence[LinkChange]
+) -> Iterable[tuple[str, list[LinkProfile]]]:
+    """Yield each robot with its links to all others, at every stage of the scenario.
+
+    Links that the same layers make are made once: a large team has thousands of pairs, and few
+    kinds of them.
+    """
+    known: dict[tuple[tuple[int, bool, bool], ...], LinkProfile] = {}
+
+    def link(sender: str, receiver: str, count: int) -> LinkProfile:
+        layers = list(_layers(links, sender, receiver, changes[:count]))
+        kind = tuple((id(settings), t == sender, t == receiver) for t, settings in layers)
+        if kind not in known:
+            known[kind] = _resolved(layers, sender, receiver)
+        return known[kind]
+
+    for count in range(len(changes) + 1):
+        for name in names:
+            yield name, [link(name, mate, count) for mate in names if mate != name]
 
 
 def least_latency_ns(
@@ -224,13 +238,28 @@ def least_latency_ns(
     Nothing that is sent inside a span of that length can arrive inside it. Links that are down
     count too: they may come up. A team of one has no links; it gets the longest latency there is.
     """
-    stages = [changes[:count] for count in range(len(changes) + 1)]
-    latencies = (
-        resolve(links, sender, receiver, stage).latency_ns
-        for sender, receiver in permutations(names, 2)
-        for stage in stages
-    )
-    return min(latencies, default=from_s(3600.0))
+    ever = _ever(links, names, changes)
+    return min((p.latency_ns for _, mine in ever for p in mine), default=from_s(3600.0))
+
+
+def tightest_turn_ns(
+    links: TeamLinks, names: Sequence[str], changes: Sequence[LinkChange] = ()
+) -> tuple[int, int] | None:
+    """Return (length of a turn, airtime of the shortest frame) where that is tightest, ever.
+
+    None where there never are turns (tdma) on links that carry anything.
+    """
+    said = (links, *(change.settings for change in changes))
+    if not any(_said(layer, "channel") == "tdma" for layer in said):
+        return None
+    found: list[tuple[int, int]] = []
+    for _, links_of_one in _ever(links, names, changes):
+        mine = [p for p in links_of_one if p.carries and p.shared.kind == "tdma"]
+        if mine:
+            charged_bytes = MIN_FRAME_BYTES + max(p.overhead_bytes for p in mine)
+            need_ns = airtime_ns(charged_bytes, min(p.rate_bps for p in mine))
+            found.append((mine[0].shared.slot_ns, need_ns))
+    return min(found, key=lambda pair: pair[0] - pair[1], default=None)
 
 
 def check_names(links: TeamLinks, names: Sequence[str], changes: Iterable[LinkChange] = ()) -> None:

@@ -5,21 +5,28 @@ is known at that moment. Only urgent payloads wait here, one per kind and key, t
 """
 
 import asyncio
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 from comms.air import Air, Packet
+from comms.ears import Passing
 from comms.errors import CommsError
+from comms.faults import Verdict, with_flips
 from comms.frames import ENVELOPE_BYTES, URGENT, Frame, FrameError, Kind, Opener, Sealer
-from comms.link import Receiver, Transmission, Transmitter, Verdict
+from comms.link import Receiver, Transmission, Transmitter
 from comms.profiles import LinkProfile
-from comms.timebase import now_ns, sleep_until_ns
+from comms.timebase import now_ns, sleep_until_ns, to_s
+from comms.traffic import RadioLog, Traffic
 from comms.urgent import UrgentQueue
 
 BURST_FRAMES = 4096
 """Frames that an unlimited link sends at one instant before it waits for `BURST_PAUSE_NS`."""
 BURST_PAUSE_NS = 1_000_000
+
+
+CARRIER = -1
+"""A packet numbered this less n is no frame: it is what others sense of frame n while it lasts."""
 
 
 class RadioError(CommsError):
@@ -36,49 +43,6 @@ class Outgoing:
 
 Choose = Callable[[int, int], Outgoing | None]
 """Asked with (now in ns, payload bytes at most) when the link falls free; None: nothing to say."""
-
-
-class RadioLog(Protocol):
-    """Keeps the record of one robot's frames."""
-
-    def on_tx(
-        self,
-        *,
-        number: int,
-        kind: Kind,
-        charged_bytes: int,
-        chosen_ns: int,
-        start_ns: int,
-        end_ns: int,
-    ) -> None:
-        """Note that a frame's transmission begins, and when it will end."""
-        ...
-
-    def on_cut(self, number: int) -> None:
-        """Note that a frame was cut short: nobody gets it."""
-        ...
-
-    def on_rx(self, sender: str, number: int, arrive_ns: int, verdict: str) -> None:
-        """Note what became of a frame: a `Verdict`, or a `FrameError`'s reason."""
-        ...
-
-
-@dataclass
-class Traffic:
-    """What a radio has sent and heard so far."""
-
-    sent_frames: int = 0
-    sent_bytes: int = 0
-    """Charged: the modem's overhead included, frames that were cut short too."""
-    airtime_ns: int = 0
-    received_frames: int = 0
-    received_bytes: int = 0
-    """Frames that were delivered and opened, envelope included."""
-
-
-def _anywhere(sender: str, t_ns: int) -> None:
-    """Stand in for a propagation port: distances are not known."""
-    del sender, t_ns
 
 
 class Radio:
@@ -99,7 +63,6 @@ class Radio:
         choose: Choose,
         on_frame: Callable[[Frame, int], None],
         log: RadioLog,
-        distance_m: Callable[[str, int], float | None] = _anywhere,
         late_tolerance_ns: int = 0,
     ) -> None:
         """Put a radio together and listen.
@@ -114,9 +77,9 @@ class Radio:
             choose: asked for the next frame; its answer has to fit the bytes that it was told.
             on_frame: gets each good frame with its arrival (ns).
             log: keeps the record.
-            distance_m: propagation: how far a sender was at a time (ns); None: not known.
-            late_tolerance_ns: how much later than its end a frame may be put on the air; where a
-                robot hung for longer, its frame was cut. Above 0 only on a real clock.
+            late_tolerance_ns: how late a robot may wake for the end of its frame: the frame is put
+                on the air then, and the next begins where it ended. Where it hung for longer, its
+                frame was cut. Above 0 only on a real clock, where every timer is a little late.
         """
         self.name = name
         self.dropped: dict[str, int] = {}
@@ -129,7 +92,6 @@ class Radio:
         self._choose = choose
         self._on_frame = on_frame
         self._log = log
-        self._distance_m = distance_m
         self._late_tolerance_ns = late_tolerance_ns
         self._urgent = UrgentQueue()
         self._kicked = asyncio.Event()
@@ -172,21 +134,50 @@ class Radio:
     async def run(self) -> None:
         """Send for ever: whenever the link is free, whatever is worth most at that moment."""
         burst_ns, burst_frames = -1, 0
+        freed_ns = None
         while True:
             self._kicked.clear()
-            t_ns = now_ns()
+            t_ns = await self._turn_ns(freed_ns)
             outgoing = self._next(t_ns)
             if outgoing is None:
-                await self._kicked.wait()
+                await self._something_new(t_ns)
+                freed_ns = None
                 continue
             burst_ns, burst_frames = t_ns, burst_frames + 1 if t_ns == burst_ns else 1
-            await self._send(outgoing, t_ns)
+            freed_ns = await self._send(outgoing, t_ns)
             if burst_frames >= BURST_FRAMES:
                 await sleep_until_ns(t_ns + BURST_PAUSE_NS)
 
+    async def _turn_ns(self, freed_ns: int | None) -> int:
+        """Wait until the channel is this robot's, and return since when it is.
+
+        On a channel of its own it is at once. That may be a moment ago, where a wall clock let the
+        robot wake late for the end of its last frame (`freed_ns`): else those moments would add up.
+        """
+        since_ns = now_ns() if freed_ns is None else freed_ns
+        while True:
+            opening_ns = self._transmitter.opening_ns(since_ns, self._receiver.medium)
+            late_ns = now_ns() - opening_ns
+            if 0 <= late_ns <= self._late_tolerance_ns:
+                return opening_ns
+            if late_ns < 0:
+                await sleep_until_ns(opening_ns)
+            else:
+                since_ns = now_ns()
+
+    async def _something_new(self, t_ns: int) -> None:
+        """Wait for a kick; or, where what is left of a turn was too short, for the next turn."""
+        next_ns = self._transmitter.next_turn_ns(t_ns)
+        if next_ns is None:
+            await self._kicked.wait()
+            return
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout_at(to_s(next_ns)):
+                await self._kicked.wait()
+
     def _next(self, t_ns: int) -> Outgoing | None:
         """Return what goes out next, if anything may and wants to."""
-        room_bytes = self.payload_bytes
+        room_bytes = max(0, self._transmitter.room_bytes(t_ns) - ENVELOPE_BYTES)
         if room_bytes == 0:
             return None
         outgoing = self._next_urgent(t_ns) or self._choose(t_ns, room_bytes)
@@ -201,25 +192,39 @@ class Radio:
         taken = self._urgent.take(t_ns)
         return None if taken is None else Outgoing(*taken)
 
-    async def _send(self, outgoing: Outgoing, chosen_ns: int) -> None:
-        """Occupy the link for a frame's time, and put it on the air at its end."""
+    async def _send(self, outgoing: Outgoing, chosen_ns: int) -> int | None:
+        """Occupy the link for a frame's time, and put it on the air at its end.
+
+        Returns that end; None where the frame was cut, or took no time.
+        """
         data = self._sealer.seal(outgoing.kind, outgoing.payload)
         sent = self._transmitter.begin(chosen_ns, len(data))
         self._note_tx(outgoing.kind, chosen_ns, sent)
+        if sent.sensed:
+            self._air.put(self._packet(sent, CARRIER - sent.number, sent.sensed))
         await sleep_until_ns(sent.end_ns)
         if now_ns() > sent.end_ns + self._late_tolerance_ns:
             self._log.on_cut(sent.number)
-            return
+            return None
         urgent = outgoing.kind in URGENT
-        packet = Packet(
-            self.name, sent.number, sent.start_ns, sent.end_ns, sent.arrivals, urgent, data
-        )
-        self._air.put(packet)
+        self._air.put(self._packet(sent, sent.number, sent.arrivals, urgent, data))
+        return sent.end_ns if sent.end_ns > sent.start_ns else None
+
+    def _packet(
+        self,
+        sent: Transmission,
+        number: int,
+        arrivals: tuple[tuple[str, int], ...],
+        urgent: bool = False,
+        data: bytes = b"",
+    ) -> Packet:
+        return Packet(self.name, number, sent.start_ns, sent.end_ns, arrivals, urgent, data)
 
     def _note_tx(self, kind: Kind, chosen_ns: int, sent: Transmission) -> None:
         self.traffic.sent_frames += 1
         self.traffic.sent_bytes += sent.charged_bytes
         self.traffic.airtime_ns += sent.end_ns - sent.start_ns
+        self._receiver.medium.sends(sent.start_ns, sent.end_ns)
         self._log.on_tx(
             number=sent.number,
             kind=kind,
@@ -231,7 +236,13 @@ class Radio:
 
     def _hear(self, packet: Packet, arrive_ns: int) -> None:
         """Take what the link delivers, if it is a team-mate's frame."""
-        frame, word = self._judged(packet, arrive_ns)
+        if packet.number <= CARRIER:
+            self._receiver.sense(packet.sender, packet.start_ns, packet.end_ns, arrive_ns)
+            return
+        judged = self._judged(packet, arrive_ns)
+        if judged is None:
+            return
+        frame, word = judged
         self._log.on_rx(packet.sender, packet.number, arrive_ns, word)
         if frame is None:
             self.dropped[word] = self.dropped.get(word, 0) + 1
@@ -240,14 +251,20 @@ class Radio:
         self.traffic.received_bytes += len(packet.data)
         self._on_frame(frame, arrive_ns)
 
-    def _judged(self, packet: Packet, arrive_ns: int) -> tuple[Frame | None, str]:
+    def _judged(self, packet: Packet, arrive_ns: int) -> tuple[Frame | None, str] | None:
+        """Return the frame, if it is one, and a word; None for a copy that tells nothing new."""
         if not self._receiver.knows(packet.sender):
             return None, "stranger"
-        distance_m = self._distance_m(packet.sender, arrive_ns)
-        verdict = self._receiver.verdict(packet.sender, packet.number, packet.start_ns, distance_m)
-        if verdict is not Verdict.DELIVERED:
-            return None, verdict.value
+        here_ns = tuple(t_ns for name, t_ns in packet.arrivals if name == self.name)
+        at_ns = here_ns or (arrive_ns,)
+        span, size = (packet.start_ns, packet.end_ns), len(packet.data)
+        fate = self._receiver.fate(Passing(packet.sender, packet.number, *span, at_ns, size))
+        whole = fate.verdict is Verdict.DELIVERED and not fate.flipped_bits
+        if arrive_ns > at_ns[0] and not whole:
+            return None  # it was told of when the first came
+        if fate.verdict is not Verdict.DELIVERED:
+            return None, fate.verdict.value
         try:
-            return self._opener.open(packet.data), verdict.value
+            return self._opener.open(with_flips(packet.data, fate.flipped_bits)), fate.verdict.value
         except FrameError as error:
             return None, error.reason

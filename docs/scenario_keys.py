@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from agents.strategies import names as methods
-from comms.profiles import PROFILES, LinkProfile, LinkSettings
+from comms.linksettings import AllLinks
+from comms.profiles import PROFILES, LinkProfile
 from scenarios.schema import Scenario
 
 PAGE = Path(__file__).with_name("scenarios.md")
@@ -53,7 +54,7 @@ TITLES = {
     "sharing": "Sharing",
     "tether": "Tethers",
 }
-LINK_KEYS = frozenset(LinkSettings.model_fields)
+LINK_KEYS = frozenset(AllLinks.model_fields)
 
 
 def page_tables() -> str:

@@ -5,7 +5,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from comms.profiles import ALL, LinkChange, LinkSettings, pair_of
+from comms.linksettings import ALL, AllLinks, LinkChange, check_target, keys_said, pair_of
 from scenarios.problems import Conflict, plain
 
 EventKind = Literal["kill", "stop", "resume", "restart", "join", "link"]
@@ -27,10 +27,10 @@ _IS: dict[RobotState, str] = {
     "stopped": "is stopped",
     "dead": "is dead",
 }
-_LINK_KEYS = tuple(LinkSettings.model_fields)
+_LINK_KEYS = tuple(AllLinks.model_fields)
 
 
-class Event(LinkSettings):
+class Event(AllLinks):
     """One thing that happens at one moment; the keys of a link may stand beside `link` only."""
 
     at_s: Annotated[float, Field(ge=0)]
@@ -58,11 +58,13 @@ class Event(LinkSettings):
             raise ValueError(f"has {found} of {', '.join(KINDS)}; exactly one is allowed")
         if (kinds[0] == "restart") != (self.after_s is not None):
             raise ValueError("restart needs after_s (seconds), and nothing else may have it")
-        said = [key for key in _LINK_KEYS if getattr(self, key) is not None]
+        said = keys_said(self)
         if kinds[0] == "link" and not said:
             raise ValueError(f"link needs something that changes: {', '.join(_LINK_KEYS)}")
         if kinds[0] != "link" and said:
             raise ValueError(f"has {', '.join(said)}; only an event with link may have it")
+        if self.link is not None:
+            check_target(self.link, said)
         return self
 
     @property
@@ -78,8 +80,7 @@ class Event(LinkSettings):
     def link_change(self) -> LinkChange:
         """Return the change of links that this event is; it must be one."""
         assert self.kind == "link", self
-        settings = LinkSettings(**{key: getattr(self, key) for key in _LINK_KEYS})
-        return LinkChange(self.target, settings)
+        return LinkChange(self.target, AllLinks(**{key: getattr(self, key) for key in _LINK_KEYS}))
 
 
 def in_order(events: Iterable[Event]) -> list[Event]:

@@ -16,6 +16,9 @@ RUN_FILES = (
     "events.csv",
     "scenario.toml",
     "overview.png",
+    "rows.csv",
+    "experiment.json",
+    "figure.png",
 )
 RUN_PATTERNS = ("*.mcap", "*.log", ".*.part")
 RUN_FOLDERS = ("robots",)

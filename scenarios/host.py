@@ -9,7 +9,7 @@ import asyncio
 import math
 import traceback
 from collections.abc import Coroutine
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -20,12 +20,10 @@ from agents.ports import Exposure
 from agents.robot import Robot
 from agents.roles import ROLES
 from agents.teammap import Estimate
-from comms.air import Handler, Packet
-from comms.frames import Opener, Sealer
-from comms.link import Receiver, Transmitter
-from comms.profiles import LinkProfile, least_latency_ns, resolve
-from comms.radio import Radio
-from comms.timebase import NS, from_s, sleep_until_ns, to_s
+from comms.air import Packet
+from comms.timebase import NS, sleep_until_ns, to_s
+from scenarios.dice import dice
+from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
 from scenarios.notebook import LogFile, Notebook
 from scenarios.record import EventRow, LookRow, MapRow
 from scenarios.schema import Scenario
@@ -40,73 +38,6 @@ START_SIGMA_M = 0.02
 START_SIGMA_RAD = 0.004
 """What the team's first localisation leaves unsure of everybody but the origin."""
 
-PURPOSES = ("robot", "body", "camera", "transmitter", "receiver", "start", "terrain", "team")
-
-
-def lookahead_ns(scenario: Scenario) -> int:
-    """Return the least latency of any link at any stage: nothing travels faster."""
-    return least_latency_ns(scenario.links, list(scenario.robots), scenario.link_changes())
-
-
-def dice(scenario: Scenario, name: str, purpose: str, life: int = 0) -> np.random.Generator:
-    """Return the source of randomness of one robot for one purpose, in one incarnation."""
-    key = (list(scenario.robots).index(name), PURPOSES.index(purpose), life)
-    return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=key))
-
-
-def team_key(scenario: Scenario) -> bytes:
-    """Return the team's key: in a simulation it follows from the seed."""
-    return b"ropeteam" + scenario.seed.to_bytes(8, "little") * 2
-
-
-class Outbox(Protocol):
-    """Where a host's packets go."""
-
-    def put(self, packet: Packet) -> None:
-        """Carry a packet to the team."""
-        ...
-
-
-class HostAir:
-    """The host's end of the air: what is sent goes to the outbox, what comes is handed in."""
-
-    def __init__(self, outbox: Outbox, roster: list[str], me: str) -> None:
-        """Join a team."""
-        self.outbox = outbox
-        self.roster = roster
-        self.me = me
-        self.sent = 0
-        """Packets of this life."""
-        self.urgent: list[tuple[str, int]] = []
-        self.lags_s: list[float] = []
-        """How long after their due time packets were handed over, in seconds of the run."""
-        self._handler: Handler | None = None
-
-    def put(self, packet: Packet) -> None:
-        """Send a packet, and remember whom it wakes."""
-        self.sent += 1
-        if packet.urgent:
-            self.urgent.extend(packet.arrivals)
-        self.outbox.put(packet)
-
-    def listen(self, handler: Handler) -> None:
-        """Have packets handed to the radio."""
-        self._handler = handler
-
-    def deliver(self, loop: VirtualLoop | ScaledLoop, packet: Packet, after_ns: int = 0) -> None:
-        """Post a packet on the loop for its arrival here, if it comes here at all."""
-        arrive_ns = dict(packet.arrivals).get(self.me)
-        if arrive_ns is None or self._handler is None or arrive_ns < after_ns:
-            return
-        source = self.roster.index(packet.sender)
-        handler = self._handler
-
-        def arrive() -> None:
-            self.lags_s.append(loop.time() - to_s(arrive_ns))
-            handler(packet, arrive_ns)
-
-        loop.post(arrive_ns, source, packet.number, arrive, packet.urgent)
-
 
 class Host:
     """One robot in its simulated world, on a loop of its own."""
@@ -118,12 +49,6 @@ class Host:
         self.name = plan.name
         self.scenario = plan.scenario
         self.roster = list(self.scenario.robots)
-        self.link_changes = {
-            index: event.link_change()
-            for index, event in enumerate(self.scenario.timeline())
-            if event.kind == "link"
-        }
-        self.happened = list(plan.link_events)
         self.motions = self._motions()
         self.segments: list[Any] = []
         self.fault = ""
@@ -131,7 +56,7 @@ class Host:
         self._way: Segment | None = None
         self.status: dict[str, Any] = {}
         self._pose_errors: list[float] = []
-        self._map_score: tuple[float, float | None] = (0.0, None)
+        self._map_score: tuple[float, float | None, int, float, float] = (0.0, None, 0, 0.0, 0.0)
         self._scored: Estimate | None = None
         self._tasks: list[asyncio.Task[None]] = []
         disk = Disk(plan.folder / "robots" / self.name)
@@ -139,14 +64,23 @@ class Host:
         suffix = f"-{life}" if life else ""
         log_path = plan.folder / f"{self.name}{suffix}.mcap"
         self.notebook = Notebook(self.name, LogFile(log_path), self.now_ns)
-        self.air = HostAir(outbox, self.roster, self.name)
         self.rig = self._rig(disk)
         self.robot = Robot(
             self._agent_settings(), self.rig.hardware, disk, self, self._dice("robot", disk)
         )
-        self.radio = self._radio(life)
+        self.own_radio = HostRadio(
+            plan,
+            life,
+            loop=loop,
+            outbox=outbox,
+            motions=self.motions,
+            choose=self.robot.choose_frame,
+            on_frame=self.robot.on_frame,
+            log=self.notebook,
+        )
+        self.radio, self.air = self.own_radio.radio, self.own_radio.air
         self.robot.radio = self.radio
-        self.robot.rate_bps = self._rate_bps
+        self.robot.rate_bps = self.own_radio.rate_bps
 
     # --- putting together -----------------------------------------------------------------
 
@@ -205,49 +139,6 @@ class Host:
             sharing=scenario.sharing,
             tether=scenario.tether,
         )
-
-    def _mates(self) -> list[str]:
-        return [name for name in self.roster if name != self.name]
-
-    def _link(self, sender: str, receiver: str) -> LinkProfile:
-        changes = [self.link_changes[index] for index in self.happened]
-        return resolve(self.scenario.links, sender, receiver, changes)
-
-    def _radio(self, life: int) -> Radio:
-        key, index = team_key(self.scenario), self.roster.index(self.name)
-        luck = dice(self.scenario, self.name, "receiver", life).spawn(len(self.roster))
-        transmitter = Transmitter(
-            {mate: self._link(self.name, mate) for mate in self._mates()},
-            dice(self.scenario, self.name, "transmitter", life),
-            self.plan.first_number,
-        )
-        receiver = Receiver(
-            {mate: self._link(mate, self.name) for mate in self._mates()},
-            {mate: luck[self.roster.index(mate)] for mate in self._mates()},
-        )
-        return Radio(
-            self.name,
-            self.air,
-            sealer=Sealer(key, index, life),
-            opener=Opener(key, len(self.roster), index),
-            transmitter=transmitter,
-            receiver=receiver,
-            choose=self.robot.choose_frame,
-            on_frame=self.robot.on_frame,
-            log=self.notebook,
-            distance_m=self._distance_m,
-            late_tolerance_ns=0 if isinstance(self.loop, VirtualLoop) else NS,
-        )
-
-    def _rate_bps(self) -> float:
-        links = [self._link(self.name, mate) for mate in self._mates()]
-        return min((link.rate_bps for link in links if link.carries), default=math.inf)
-
-    def _distance_m(self, sender: str, t_ns: int) -> float | None:
-        seen_ns = t_ns - self.rig.delay_ns
-        theirs = self.motions.pose_at(sender, seen_ns)
-        mine = self.motions.pose_at(self.name, seen_ns)
-        return None if theirs is None or mine is None else theirs.distance_m(mine)
 
     # --- the way driven -----------------------------------------------------------------------
 
@@ -324,10 +215,12 @@ class Host:
         if heard is not self._scored:
             self._scored = heard
             bits = heard.information_bits(self.scenario.map.prior_sigma_m)
-            self._map_score = (bits, rmse_m(heard.elevation_m, self.plan.terrain.elevation_m))
-        bits, error_m = self._map_score
+            error_m = rmse_m(heard.elevation_m, self.plan.terrain.elevation_m)
+            self._map_score = (bits, error_m, int(np.count_nonzero(heard.known)), *self._layers())
+        bits, error_m, cells, own_bits, heard_bits = self._map_score
         own, known = self.robot.own.known_cells(), team.known_entries()
-        self.notebook.add(MapRow(to_s(t_ns), self.name, own, known, bits, error_m), t_ns)
+        row = MapRow(to_s(t_ns), self.name, own, known, bits, error_m, cells, own_bits, heard_bits)
+        self.notebook.add(row, t_ns)
         if not self._is_moving(t_ns):  # a drive is measured when it is done
             self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
         self.status = {
@@ -337,6 +230,7 @@ class Host:
             "own_cells": own,
             "team_cells": known,
             "digest": self.robot.store.digest(),
+            "payload_bytes": self.robot.store.payload_bytes,
             "settled": self._is_settled(),
             "sent_bytes": self.radio.traffic.sent_bytes,
             "received_bytes": self.radio.traffic.received_bytes,
@@ -346,6 +240,13 @@ class Host:
             "dropped": dict(sorted(self.radio.dropped.items())),
             "hazards": self.rig.hazards_hit(),
         }
+
+    def _layers(self) -> tuple[float, float]:
+        """Return the information of the own layer, and what is here of all others'."""
+        bits = self.robot.team.layer_bits(self.scenario.map.prior_sigma_m)
+        me = self.robot.me.robot
+        own = sum(value for origin, value in bits.items() if origin.robot == me)
+        return own, sum(bits.values()) - own
 
     def _is_settled(self) -> bool:
         """Say whether its work is done, and nothing is left unsent that anybody could hear."""
@@ -368,7 +269,7 @@ class Host:
         for wire in grant.segments:
             self.motions.add(Segment.from_wire(wire))
         for packet in packets:
-            self.air.deliver(self.loop, packet, self.plan.start_ns)
+            self.own_radio.deliver(packet)
         for command in grant.commands:
             self.obey(command)
 
@@ -376,20 +277,11 @@ class Host:
         """Carry out one thing that happens to the world, now."""
         match command[0]:
             case "link":
-                index: int = command[1]
-                t_ns = from_s(self.scenario.timeline()[index].at_s)
-                # In its turn among the frames: those that came before are heard over the old link.
-                self.loop.post(t_ns, -1, index, lambda: self._change_link(index, t_ns), False)
+                self.own_radio.change_link(command[1])
             case "freeze":
                 self.motions.freeze(command[1], command[2])
             case _:
                 pass
-
-    def _change_link(self, index: int, t_ns: int) -> None:
-        self.happened.append(index)
-        for mate in self._mates():
-            self.radio.set_link(self.name, mate, self._link(self.name, mate), t_ns)
-            self.radio.set_link(mate, self.name, self._link(mate, self.name), t_ns)
 
     def report(self) -> Report:
         """Return what happened since the last report."""

@@ -19,7 +19,8 @@ from comms.air import Packet
 from comms.timebase import NS
 from comms.zenoh_air import Wire
 from scenarios.crew import Cost, Crew, Obituary, cpu_s
-from scenarios.host import Host, Outbox
+from scenarios.host import Host
+from scenarios.hostradio import Outbox
 from scenarios.live import LiveView
 from scenarios.play import Play
 from scenarios.stage import Stage

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from comms.link import Verdict
+from comms.faults import Verdict
 
 DELIVERED = Verdict.DELIVERED.value
 """Verdict on a frame that its receiver got and believed."""
@@ -22,7 +22,7 @@ RECEIVER_DOWN = "receiver down"
 """Verdict on a frame whose receiver did not run when it would have arrived."""
 NOT_YET_ARRIVED = "not yet arrived"
 """Verdict on a frame that was still under way when the run ended."""
-_NEVER_THERE = (Verdict.LOST.value, Verdict.DOWN.value, Verdict.FAR.value)
+_NEVER_THERE = frozenset(v.value for v in Verdict if v is not Verdict.DELIVERED)
 """The link's verdicts on frames that did not reach their receiver at all."""
 
 
@@ -80,6 +80,12 @@ class MapRow:
     team_cells: int
     information_bits: float
     elevation_rmse_m: float | None
+    map_cells: int
+    """Cells of its team map that are known, whoever measured them."""
+    own_bits: float
+    """Information of its own layer, as team-mates could have it."""
+    heard_bits: float
+    """Information of the others' layers, each by itself, that is here."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,9 +48,14 @@ class RobotFaultError(Exception):
 
 
 def run(
-    scenario: Scenario, out: Path, *, quiet: bool = False, overwrite: bool = False
+    scenario: Scenario,
+    out: Path,
+    *,
+    quiet: bool = False,
+    overwrite: bool = False,
+    picture: bool = True,
 ) -> RunResult:
-    """Run a scenario and write its records to `out`.
+    """Run a scenario and write its records to `out`, a picture of it among them or not.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -76,7 +81,7 @@ def run(
             play.play()
         finally:
             crew.close()
-    return _write_up(play, view, started_s + compile_s, compile_s)
+    return _write_up(play, view, started_s + compile_s, compile_s, picture=picture)
 
 
 def _crew(scenario: Scenario) -> Crew:
@@ -104,7 +109,9 @@ def _ctrl_c(interrupt: Callable[[], None]) -> Generator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _write_up(play: Play, view: LiveView, started_s: float, compile_s: float) -> RunResult:
+def _write_up(
+    play: Play, view: LiveView, started_s: float, compile_s: float, *, picture: bool
+) -> RunResult:
     """Write all records of a run that has ended, and say what came out."""
     stage, out = play.stage, play.out
     simulated_s = to_s(play.now_ns)
@@ -113,19 +120,20 @@ def _write_up(play: Play, view: LiveView, started_s: float, compile_s: float) ->
     summary = summarise(stage.scenario, play.records, finals, stage.truth, ending)
     play.records.write(out)
     write_json(out / "summary.json", summary)
-    draw(
-        out / "overview.png",
-        Overview(
-            title=stage.scenario.title or stage.scenario.name,
-            summary=summary,
-            frame=stage.terrain.frame,
-            truth=stage.truth,
-            robots=finals,
-            records=play.records,
-            tracks_m={name: np.array(way).reshape(-1, 2) for name, way in play.tracks.items()},
-            goal_m=stage.goal_m,
-        ),
-    )
+    if picture:
+        draw(
+            out / "overview.png",
+            Overview(
+                title=stage.scenario.title or stage.scenario.name,
+                summary=summary,
+                frame=stage.terrain.frame,
+                truth=stage.truth,
+                robots=finals,
+                records=play.records,
+                tracks_m={name: np.array(way).reshape(-1, 2) for name, way in play.tracks.items()},
+                goal_m=stage.goal_m,
+            ),
+        )
     costs = {name: ProcessCost(c.cpu_s, c.peak_memory_bytes) for name, c in play.crew.costs.items()}
     costs["runner"] = ProcessCost(cpu_s(), peak_bytes())
     host = HostCost(

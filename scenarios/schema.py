@@ -5,9 +5,7 @@ Keys are defined beside the code that reads them (`agents.settings`, `sim.terrai
 """
 
 import json
-import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self, cast
 
 import tomli_w
@@ -22,10 +20,13 @@ from agents.settings import (
     TetherSettings,
 )
 from agents.strategies import names as methods
-from comms.profiles import LinkChange, TeamLinks
+from comms.linksettings import LinkChange, TeamLinks
+from comms.profiles import tightest_turn_ns
 from comms.settings import Settings
+from comms.timebase import to_s
 from scenarios.errors import ScenarioError
 from scenarios.events import Event, check_events, in_order, no_such_robot
+from scenarios.files import place_files
 from scenarios.overrides import Override, apply_overrides, parse_override
 from scenarios.problems import Conflict, plain, refuse, sentences
 from scenarios.shelf import find, read
@@ -101,6 +102,7 @@ class Scenario(Settings):
         refuse([*_check_team(self), *_check_links(self), *_check_numbers(self)])
         joins_s = {name: robot.join_s or 0.0 for name, robot in self.robots.items()}
         refuse(check_events(self.events, joins_s, self.limit_s))
+        refuse(_check_turns(self))
         return self
 
     def joins_s(self, name: str) -> float:
@@ -175,6 +177,20 @@ def _check_links(scenario: Scenario) -> list[Conflict]:
     ]
 
 
+def _check_turns(scenario: Scenario) -> list[Conflict]:
+    """Refuse turns in which not even an urgent frame can be sent, at any stage of the scenario."""
+    team, changes = list(scenario.robots), scenario.link_changes()
+    tightest = tightest_turn_ns(scenario.links, team, changes)
+    if tightest is None or tightest[0] >= tightest[1]:
+        return []
+    slot_ns, need_ns = tightest
+    sentence = (
+        f"the shortest frame takes {to_s(need_ns):.6g} s at the slowest rate of the scenario;"
+        " a turn must be at least as long"
+    )
+    return [Conflict("links.slot_s", to_s(slot_ns), sentence)]
+
+
 def _check_numbers(scenario: Scenario) -> list[Conflict]:
     conflicts: list[Conflict] = []
     clock, sensor = scenario.clock, scenario.sensor
@@ -211,8 +227,7 @@ def load(
         changes.append(Override(f"--seed {seed}", ("seed",), seed))
     tables = read(path)
     apply_overrides(tables, changes)
-    file_set = ("world", "terrain", "file") in {change.path for change in changes}
-    _place_file(tables, path, from_here=file_set)
+    place_files(tables, path, changes)
     return parse(tables, str(path), changes)
 
 
@@ -246,26 +261,6 @@ def parse(tables: dict[str, Any], source: str, changes: Sequence[Override] = ())
 
 def _refuse_date(value: object) -> str:
     raise ValueError(f"holds the date {value}; no key takes one (text stands in quotes)")
-
-
-def _place_file(tables: dict[str, Any], scenario: Path, *, from_here: bool) -> None:
-    """Make the path of a terrain file absolute: found beside the scenario, or from here."""
-    terrain: Any = tables.get("world", {})
-    terrain = terrain.get("terrain", {}) if isinstance(terrain, dict) else {}
-    file = terrain.get("file") if isinstance(terrain, dict) else None
-    if not isinstance(file, str) or not file:
-        return
-    folders = [scenario.parent.absolute(), Path.cwd()]
-    if from_here:
-        folders.reverse()
-    found = [folder / file for folder in folders if (folder / file).is_file()]
-    if not found:
-        places = " and ".join(dict.fromkeys(str(folder) for folder in folders))
-        option = f"--set world.terrain.file={file}" if from_here else str(scenario)
-        raise ScenarioError(
-            [f"{option}: world.terrain.file = {json.dumps(file)}: no such file (from {places})"]
-        )
-    terrain["file"] = os.path.normpath(found[0])
 
 
 def dump(scenario: Scenario) -> str:

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from agents.geometry import Bools, Floats, Pose
-from scenarios.host import dice
+from scenarios.dice import dice
 from scenarios.schema import MAPPERS, Scenario
 from scenarios.summary import Truth
 from sim.camera import observable_cells, reachable_positions

@@ -48,6 +48,8 @@ class RobotFinal:
     """Team map (H, W), row 0 south, NaN unknown; None: it has none."""
     sigma_m: Singles | None = None
     """Standard deviation (H, W) of the team map's cells."""
+    payload_bytes: int = 0
+    """Of the newest versions in its replicated store."""
 
 
 @dataclass(frozen=True)
@@ -187,6 +189,7 @@ def _knowledge(robot: RobotFinal) -> dict[str, Any]:
         "own_cells": robot.own_cells,
         "team_cells": robot.team_cells,
         "team_map_digest": robot.digest,
+        "map_payload_bytes": robot.payload_bytes,
         "pose_error_rms_m": robot.pose_error_rms_m,
     }
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.crew import Crew, Obituary
-from scenarios.host import lookahead_ns
+from scenarios.hostradio import lookahead_ns
 from scenarios.live import LiveView
 from scenarios.play import Play
 from scenarios.stage import Stage

@@ -5,17 +5,23 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from comms.profiles import (
+from comms.channel import ONE_EACH, Shared
+from comms.faults import NO_FAULTS, Faults
+from comms.linksettings import (
     MIN_FRAME_BYTES,
-    PROFILES,
+    AllLinks,
     LinkChange,
-    LinkError,
-    LinkSettings,
     TeamLinks,
+    check_target,
+    pair_of,
+)
+from comms.profiles import (
+    PROFILES,
+    LinkError,
     check_names,
     least_latency_ns,
-    pair_of,
     resolve,
+    tightest_turn_ns,
 )
 
 NAMES = ("recon", "cliffbot", "anchor-left")
@@ -96,7 +102,7 @@ def test_all_off_but_one_pair():
 
 
 def change(target, **fields):
-    return LinkChange(target, LinkSettings.model_validate(fields))
+    return LinkChange(target, AllLinks.model_validate(fields))
 
 
 def test_changes_apply_in_their_order_and_the_last_one_counts():
@@ -126,6 +132,104 @@ def test_a_rate_of_zero_carries_nothing():
     link = resolve(links(rate_bps=0), "recon", "cliffbot")
     assert link.up
     assert not link.carries
+
+
+ALL_FAULTS = {
+    "line_of_sight": True,
+    "burst_s": 2.0,
+    "burst_gap_s": 9.0,
+    "burst_loss": 0.8,
+    "outages_s": [[1.0, 2.5], [2.5, 4.0]],
+    "trace_file": "some.csv",
+    "trace_end": "loop",
+    "half_duplex": True,
+    "bit_errors": 1e-4,
+    "duplication": 0.1,
+    "reordering": 0.2,
+    "reordering_s": 3.0,
+}
+
+
+def test_every_fault_can_be_set_for_a_team_a_robot_a_pair_and_later():
+    s = 1_000_000_000
+    expected = Faults(
+        line_of_sight=True,
+        burst_ns=2 * s,
+        burst_gap_ns=9 * s,
+        burst_loss=0.8,
+        outages_ns=((s, 5 * s // 2), (5 * s // 2, 4 * s)),
+        trace_file="some.csv",
+        trace_end="loop",
+        half_duplex=True,
+        bit_errors=1e-4,
+        duplication=0.1,
+        reordering=0.2,
+        reordering_ns=3 * s,
+    )
+    for fields in (
+        ALL_FAULTS,
+        {"robots": {"recon": ALL_FAULTS}},
+        {"pairs": {"recon>cliffbot": ALL_FAULTS}},
+        {"robots": {"recon": {"profile": "sojourner"}}, **ALL_FAULTS},
+    ):
+        assert resolve(links(**fields), "recon", "cliffbot").faults == expected
+    later = change("recon", **ALL_FAULTS)
+    assert resolve(links(), "recon", "cliffbot", [later]).faults == expected
+    assert resolve(links(), "cliffbot", "recon", [later]).faults is NO_FAULTS
+    ended = change("all", outages_s=[], trace_file="", burst_s=0.0, half_duplex=False)
+    left = resolve(links(), "recon", "cliffbot", [later, ended]).faults
+    assert (left.outages_ns, left.trace_file, left.burst_ns, left.half_duplex) == ((), "", 0, False)
+    assert left.duplication == 0.1
+
+
+def test_a_link_without_faults_is_as_light_as_can_be():
+    plain = resolve(links(loss=0.1, range_m=50.0, jitter_s=0.1), "recon", "cliffbot")
+    assert plain.faults is NO_FAULTS
+    assert plain.shared is ONE_EACH
+
+
+def test_antennas_are_the_senders_and_the_receivers():
+    team = links(antenna_m=2.0, robots={"recon": {"antenna_m": 5.0}})
+    there, back = resolve(team, "recon", "cliffbot"), resolve(team, "cliffbot", "recon")
+    assert (there.antenna_m, there.mate_antenna_m) == (5.0, 2.0)
+    assert (back.antenna_m, back.mate_antenna_m) == (2.0, 5.0)
+    raised = resolve(team, "recon", "cliffbot", [change("cliffbot", antenna_m=9.0)])
+    assert (raised.antenna_m, raised.mate_antenna_m) == (5.0, 9.0)
+
+
+def test_a_channel_is_for_all():
+    team = links(channel="tdma", slot_s=1.5, robots={"recon": {"profile": "sojourner"}})
+    shared = Shared("tdma", 1_500_000_000)
+    assert resolve(team, "recon", "cliffbot").shared == shared
+    assert resolve(team, "cliffbot", "recon").shared == shared
+    csma = change("all", channel="csma", backoff_s=0.25)
+    now = resolve(team, "recon", "cliffbot", [csma]).shared
+    assert (now.kind, now.slot_ns, now.backoff_ns) == ("csma", 1_500_000_000, 250_000_000)
+    for target, keys in (("recon", ["loss", "slot_s"]), ("a>b", ["channel"])):
+        with pytest.raises(ValueError, match=f'has {keys[-1]} for "{target}"; only link = all'):
+            check_target(target, keys)
+    with pytest.raises(ValueError, match="only link = a robot or all may have it"):
+        check_target("a>b", ["antenna_m"])
+    check_target("all", AllLinks.model_fields)
+    check_target("recon", ["antenna_m", "loss"])
+    check_target("a>b", ["loss", "outages_s"])
+
+
+def test_the_tightest_turn_of_a_scenario_is_found_at_any_stage():
+    """64 bytes and the overhead: 20 at 9600 bps are 70 ms, 6 at 2400 bps 233 ms."""
+    turns = links(channel="tdma", slot_s=0.5)
+    assert tightest_turn_ns(links(), NAMES) is None
+    assert tightest_turn_ns(turns, NAMES) == (500_000_000, 70_000_000)
+    slow = change("recon", profile="sojourner")
+    assert tightest_turn_ns(turns, NAMES, [slow]) == (500_000_000, 233_333_334)
+    later = [slow, change("all", slot_s=0.2), change("recon", profile="uhf-9600")]
+    assert tightest_turn_ns(turns, NAMES, later) == (200_000_000, 233_333_334)
+    begun = [slow, change("all", channel="tdma")]
+    assert tightest_turn_ns(links(), NAMES, begun) == (2 * 10**9, 233_333_334)
+
+
+def test_a_change_says_what_changes():
+    assert str(change("all", loss=0.5, up=False)) == "up = False, loss = 0.5"
 
 
 latencies = st.floats(0.001, 10)
@@ -173,6 +277,21 @@ def test_a_team_of_one_has_a_lookahead():
         ({"pairs": {"recon": {}}}, 'pair is "recon"'),
         ({"pairs": {"recon>recon": {}}}, "two different robots"),
         ({"robots": {"recon": {"robots": {}}}}, "not permitted"),
+        ({"robots": {"recon": {"channel": "tdma"}}}, "not permitted"),
+        ({"pairs": {"a>b": {"antenna_m": 3.0}}}, "not permitted"),
+        ({"channel": "aloha"}, "'tdma'"),
+        ({"slot_s": 0}, "greater than 0"),
+        ({"burst_s": 0.001}, "burst_s is 0.001; 0 .none. or at least 0.01"),
+        ({"burst_gap_s": 0}, "greater than or equal to 0.01"),
+        ({"outages_s": [[5, 4]]}, r"outage 0 is \[5, 4\]; it must end after it begins"),
+        ({"outages_s": [[1, 3], [2, 4]]}, r"outage 1 is \[2, 4\].* begin at 3 or later"),
+        ({"outages_s": [[-1, 4]]}, "greater than or equal to 0"),
+        ({"outages_s": [[1]]}, "Field required"),
+        ({"bit_errors": 0.6}, "less than or equal to 0.5"),
+        ({"duplication": -0.1}, "greater than or equal to 0"),
+        ({"reordering_s": 0}, "greater than 0"),
+        ({"antenna_m": 0}, "greater than or equal to 0.2"),
+        ({"trace_end": "stop"}, "'hold'"),
     ],
 )
 def test_impossible_settings_are_refused(fields, words):

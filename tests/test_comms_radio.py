@@ -1,6 +1,7 @@
 import asyncio
 import random
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import msgpack
 import numpy as np
@@ -10,17 +11,22 @@ from hypothesis import strategies as st
 from memory_air import MemoryAir, post_on
 
 from comms.air import Packet, PacketError
+from comms.channel import Seat, Shared
+from comms.ears import OpenSpace
+from comms.faults import Faults
 from comms.frames import Kind, Opener, Sealer
 from comms.link import Receiver, Transmitter
 from comms.profiles import PROFILES
 from comms.radio import BURST_FRAMES, BURST_PAUSE_NS, Outgoing, Radio, RadioError
 from comms.timebase import NS, now_ns, sleep_until_ns
 from comms.urgent import URGENT_BYTES, URGENT_SLOTS, UrgentError, UrgentQueue
+from sim.clock import VirtualLoop
 
 KEY = b"a key of a team!"
 UHF = PROFILES["uhf-9600"]
 DOWN = replace(UHF, up=False)
 ROSTER = ("recon", "cliffbot", "anchor")
+SENSE_NS = UHF.latency_ns
 quick = settings(max_examples=40, deadline=None)
 
 
@@ -69,17 +75,24 @@ class Log:
 class Robot:
     """A robot that says what is in `script`, and remembers what it hears."""
 
-    def __init__(self, hub, name, profile=UHF, *, key=KEY, roster=ROSTER, post=None, **options):
+    def __init__(
+        self, hub, name, profile=UHF, *, key=KEY, roster=ROSTER, post=None, world=None, **options
+    ):
         me, mates = roster.index(name), [n for n in roster if n != name]
         links = dict.fromkeys(mates, profile)
+        seat = Seat(me, len(roster), SENSE_NS)
         self.script, self.heard, self.log, self.asked = [], [], Log(), []
+        self.put_ns = []
+        air = hub.endpoint(name, post or post_on(asyncio.get_running_loop()))
+        put = air.put
+        air.put = lambda packet: (self.put_ns.append(now_ns()), put(packet))
         self.radio = Radio(
             name,
-            hub.endpoint(name, post or post_on(asyncio.get_running_loop())),
+            air,
             sealer=Sealer(key, me, 0),
             opener=Opener(key, len(roster), me),
-            transmitter=Transmitter(links, np.random.default_rng(me)),
-            receiver=Receiver(links, {n: np.random.default_rng(7) for n in mates}),
+            transmitter=Transmitter(links, np.random.default_rng(me), 0, seat),
+            receiver=Receiver(links, {n: np.random.default_rng(7) for n in mates}, world),
             choose=self.choose,
             on_frame=lambda frame, arrive_ns: self.heard.append((frame, arrive_ns)),
             log=self.log,
@@ -285,11 +298,19 @@ def test_a_link_that_fails_under_way_drops_the_frame_and_says_so():
     assert anchor.payloads() == [bytes(90)]
 
 
+class FarFrom(OpenSpace):
+    def __init__(self, far_m):
+        self.far_m, self.asked_ns = far_m, []
+
+    def distance_m(self, sender, t_ns):
+        self.asked_ns.append(t_ns)
+        return self.far_m.get(sender)
+
+
 def test_distance_comes_from_the_propagation_port():
     async def story():
-        far = {"recon": 100.0, "anchor": 10.0}
-        profile = replace(UHF, range_m=50.0)
-        recon, cliffbot, anchor = team(profile, distance_m=lambda name, t_ns: far.get(name))
+        world = FarFrom({"recon": 100.0, "anchor": 10.0})
+        recon, cliffbot, anchor = team(replace(UHF, range_m=50.0), world=world)
         recon.say(b"far")
         anchor.say(b"near")
         await asyncio.sleep(1)
@@ -298,6 +319,176 @@ def test_distance_comes_from_the_propagation_port():
     cliffbot = run(story())
     assert cliffbot.radio.dropped == {"out of range": 1}
     assert cliffbot.payloads() == [b"near"]
+
+
+def test_flipped_bits_are_found_by_the_code_and_the_frame_is_dropped():
+    async def story():
+        harsh = replace(UHF, faults=Faults(bit_errors=0.002))
+        recon, cliffbot, _ = team(harsh)
+        recon.say(*(bytes([n]) * 60 for n in range(200)))
+        await asyncio.sleep(60)
+        return cliffbot
+
+    cliffbot = run(story())
+    assert {f.payload for f, _ in cliffbot.heard} <= {bytes([n]) * 60 for n in range(200)}
+    # The version stands outside the code's reach: four bits of every frame.
+    assert cliffbot.radio.dropped.keys() <= {"damaged", "bad-version"}
+    assert cliffbot.radio.dropped["damaged"] > 80
+    assert len(cliffbot.heard) + sum(cliffbot.radio.dropped.values()) == 200
+
+
+def test_a_copy_is_dropped_as_replayed_and_an_overtaken_frame_still_taken():
+    async def story():
+        faults = Faults(duplication=0.3, reordering=0.3, reordering_ns=NS)
+        recon, cliffbot, _ = team(replace(UHF, faults=faults))
+        recon.say(*(bytes([n]) for n in range(100)))
+        await asyncio.sleep(60)
+        return cliffbot
+
+    cliffbot = run(story())
+    assert sorted(cliffbot.payloads()) == [bytes([n]) for n in range(100)]
+    assert cliffbot.payloads() != sorted(cliffbot.payloads())
+    assert 10 < cliffbot.radio.dropped["replayed"] < 60
+    copies = len(cliffbot.log.rx) - 100
+    assert cliffbot.radio.dropped == {"replayed": copies}
+
+
+def test_two_who_speak_at_once_on_half_duplex_do_not_hear_each_other():
+    async def story():
+        recon, cliffbot, anchor = team(replace(UHF, faults=Faults(half_duplex=True)))
+        recon.say(bytes(90))
+        cliffbot.say(bytes(60))
+        await asyncio.sleep(1)
+        cliffbot.say(b"later")
+        await asyncio.sleep(1)
+        return recon, cliffbot, anchor
+
+    recon, cliffbot, anchor = run(story())
+    assert recon.radio.dropped == cliffbot.radio.dropped == {"receiver sending": 1}
+    assert recon.payloads() == [b"later"]
+    assert anchor.payloads() == [bytes(60), bytes(90), b"later"]
+
+
+def chatter(shared, seconds, world=None):
+    """Have three robots speak all the time; return them."""
+
+    async def story():
+        robots = team(replace(UHF, shared=shared), world=world)
+        for robot in robots:
+            robot.radio._choose = lambda t_ns, room: Outgoing(Kind.MAP, bytes(min(room, 100)))
+            robot.radio.kick()
+        await asyncio.sleep(seconds)
+        for robot in robots:
+            robot.task.cancel()
+        await asyncio.sleep(1)
+        return robots
+
+    return run(story())
+
+
+def spans_of(robots):
+    return sorted(
+        (row["start_ns"], row["end_ns"], robot.radio.name, row["number"])
+        for robot in robots
+        for row in robot.log.tx
+    )
+
+
+def test_robots_that_listen_first_share_a_channel_and_what_meets_on_air_is_lost():
+    robots = chatter(Shared("csma", backoff_ns=NS), 300)
+    spans = spans_of(robots)
+    met = {
+        (name, number)
+        for start_ns, end_ns, name, number in spans
+        for other_ns, other_end_ns, other, _ in spans
+        if other != name and start_ns < other_end_ns and other_ns < end_ns
+    }
+    assert met, "two may begin within one sensing delay"
+    assert len(met) < 0.2 * len(spans)
+    words = {"delivered": 0, "clash": 0, "receiver sending": 0}
+    for robot in robots:
+        for sender, number, _, word in robot.log.rx:
+            words[word] += 1
+            assert (word != "delivered") == ((sender, number) in met)
+    assert words["delivered"] > 300
+    assert words["clash"] > 0
+    for robot in robots:
+        mine = [row for row in robot.log.tx if row["end_ns"] <= 300 * NS]
+        assert 0.2 < len(mine) / len(spans) < 0.5, "nobody keeps the channel for itself"
+    for (start_ns, *_), (other_ns, *_) in pairwise(spans):
+        later = [s for s, *_ in spans if start_ns + SENSE_NS <= s < start_ns + 10**8]
+        assert other_ns <= start_ns + 1.3 * NS, "a free channel is taken"
+        assert not later, "who could sense a carrier began all the same"
+
+
+@pytest.mark.parametrize("apart_m", [10.0, 100.0])
+def test_who_is_out_of_reach_is_not_sensed(apart_m):
+    """Two who don't sense each other speak at once; who hears both understands neither."""
+
+    async def story():
+        hub, profile = MemoryAir(ROSTER), replace(UHF, shared=Shared("csma"), range_m=50.0)
+        worlds = [FarFrom({"cliffbot": apart_m}), FarFrom({"recon": apart_m}), FarFrom({})]
+        recon, cliffbot, anchor = (
+            Robot(hub, name, profile, world=world)
+            for name, world in zip(ROSTER, worlds, strict=True)
+        )
+        recon.radio.send_urgent(Kind.STOP, b"", "a")
+        await asyncio.sleep(1)
+        for _ in range(20):
+            recon.say(bytes(240))
+            cliffbot.say(bytes(240))
+        await asyncio.sleep(60)
+        return anchor
+
+    anchor = run(story())
+    clashes = anchor.radio.dropped.get("clash", 0)
+    assert clashes > 20 if apart_m > 50 else clashes < 16
+    assert clashes + len(anchor.heard) == 41
+
+
+def test_robots_that_take_turns_never_speak_at_once():
+    shared = Shared("tdma", slot_ns=NS)
+    robots = chatter(shared, 60)
+    spans = spans_of(robots)
+    for (_, end_ns, *_), (start_ns, *_) in pairwise(spans):
+        assert start_ns >= end_ns
+    for start_ns, end_ns, name, _ in spans:
+        slot = start_ns // NS
+        assert slot % 3 == ROSTER.index(name)
+        assert end_ns <= (slot + 1) * NS
+    for robot in robots:
+        on_air = sum(row["end_ns"] - row["start_ns"] for row in robot.log.tx)
+        assert on_air > 0.9 * 20 * NS
+        assert {word for *_, word in robot.log.rx} == {"delivered"}
+
+
+def test_an_idle_robot_waits_for_its_turn_only_when_there_is_something_to_say():
+    async def story():
+        recon, cliffbot, _ = team(replace(UHF, shared=Shared("tdma", slot_ns=NS)))
+        await asyncio.sleep(11.5)
+        assert [t_ns for t_ns, _ in cliffbot.asked] == [NS], "its first turn, and no other"
+        cliffbot.radio.send_urgent(Kind.STOP, b"", "all")
+        await asyncio.sleep(5)
+        return recon, cliffbot
+
+    recon, cliffbot = run(story())
+    assert [f.kind for f, _ in recon.heard] == [Kind.STOP]
+    assert cliffbot.log.tx[0]["start_ns"] == 13 * NS
+
+
+def test_what_does_not_fit_the_rest_of_a_turn_is_sent_in_the_next():
+    async def story():
+        recon, cliffbot, _ = team(replace(UHF, shared=Shared("tdma", slot_ns=NS)))
+        big = [Outgoing(Kind.MAP, bytes(240))]
+        await asyncio.sleep(0.85)
+        recon.radio._choose = lambda t_ns, room: big.pop() if room >= 240 and big else None
+        recon.radio.kick()
+        await asyncio.sleep(9)
+        return recon, cliffbot
+
+    recon, cliffbot = run(story())
+    assert [row["start_ns"] for row in recon.log.tx] == [3 * NS]
+    assert len(cliffbot.heard) == 1
 
 
 def test_what_is_no_frame_is_counted_by_reason_and_changes_nothing():
@@ -484,6 +675,65 @@ def test_sleeping_ends_at_the_instant_itself():
         return seen
 
     assert run(story()) == [0] * 6
+
+
+@pytest.mark.parametrize("rate_bps", [2400, 3000, 9600, 12_000, 128_000])
+def test_ten_thousand_frames_on_the_virtual_clock_leave_exactly_on_time(rate_bps):
+    frames, loop = 10_000, VirtualLoop(0)
+    profile = replace(UHF, rate_bps=float(rate_bps))
+    sizes = np.random.default_rng(6).integers(1, 240, frames).tolist()
+    put_ns, log, hub = [], Log(), MemoryAir(ROSTER)
+    air = hub.endpoint("recon", loop.post)
+    air.put = lambda packet: put_ns.append(loop.now_ns)
+    radio = Radio(
+        "recon",
+        air,
+        sealer=Sealer(KEY, 0, 0),
+        opener=Opener(KEY, 3, 0),
+        transmitter=Transmitter({"cliffbot": profile}, np.random.default_rng(1)),
+        receiver=Receiver({}, {}),
+        choose=lambda t_ns, room: Outgoing(Kind.MAP, bytes(sizes.pop())) if sizes else None,
+        on_frame=lambda frame, arrive_ns: None,
+        log=log,
+    )
+    loop.create_task(radio.run())
+    loop.run_window(10**16)
+    assert put_ns == [row["end_ns"] for row in log.tx]
+    bits = 0
+    for before, row in zip([{"end_ns": 0}, *log.tx], log.tx, strict=False):
+        bits += 8 * row["charged_bytes"]
+        assert row["start_ns"] == row["chosen_ns"] == before["end_ns"]
+        assert row["end_ns"] == row["start_ns"] - (-8 * NS * row["charged_bytes"] // rate_bps)
+    assert len(put_ns) == frames
+    assert 0 <= put_ns[-1] * rate_bps - bits * NS < frames * rate_bps, (
+        "a nanosecond a frame at most"
+    )
+    for task in asyncio.all_tasks(loop):
+        task.cancel()
+    loop.run_window(10**16)
+    loop.close()
+
+
+async def test_on_the_ordinary_loop_thousands_of_frames_do_not_drift():
+    """Every timer is late by a little: what is begun at the end of a frame makes up for it."""
+    frames, start_ns = 2000, now_ns()
+    fast = replace(PROFILES["orbiter"], rate_bps=1_000_000.0, latency_ns=10**6)
+    recon, cliffbot, _ = team(fast, late_tolerance_ns=NS)
+    recon.say(*[bytes(200)] * frames)
+    async with asyncio.timeout(30):
+        while len(cliffbot.heard) < frames:
+            await asyncio.sleep(0.05)
+    for robot in (recon, cliffbot):
+        robot.task.cancel()
+    rows = recon.log.tx
+    assert [a["end_ns"] for a in rows[:-1]] == [b["start_ns"] for b in rows[1:]]
+    bits = sum(8 * row["charged_bytes"] for row in rows)
+    assert rows[-1]["end_ns"] - rows[0]["start_ns"] - bits * 1000 < frames  # ns, by rounding up
+    late_ns = np.array(recon.put_ns) - np.array([row["end_ns"] for row in rows])
+    assert rows[0]["start_ns"] >= start_ns
+    assert np.all(late_ns >= 0)
+    assert np.median(late_ns) < 2_000_000
+    assert np.median(late_ns[-500:]) < 2_000_000, "lateness adds up"
 
 
 async def test_on_the_ordinary_loop_frames_keep_their_times():

@@ -29,7 +29,9 @@ rows = st.one_of(
     st.builds(LookRow, name, *[time_s] * 6, st.floats(0, 1e6), count, count, time_s),
     st.builds(TxRow, name, count, st.sampled_from(["map", "tether"]), count, *[time_s] * 3),
     st.builds(RxRow, name, name, count, time_s, st.sampled_from(["delivered", "lost"])),
-    st.builds(MapRow, time_s, name, count, count, time_s, st.none() | time_s),
+    st.builds(
+        MapRow, time_s, name, count, count, time_s, st.none() | time_s, count, time_s, time_s
+    ),
     st.builds(EventRow, time_s, name, st.text(max_size=5), st.text(max_size=5)),
 )
 
@@ -99,7 +101,10 @@ def test_the_columns_are_those_that_studies_read(tmp_path: Path) -> None:
     assert heads["looks.csv"] == (
         "robot,t_s,x_m,y_m,z_m,pan_rad,tilt_rad,expected_cells,obtained_cells,new_cells,distance_m"
     )
-    assert heads["maps.csv"] == ("t_s,robot,own_cells,team_cells,information_bits,elevation_rmse_m")
+    assert heads["maps.csv"] == (
+        "t_s,robot,own_cells,team_cells,information_bits,elevation_rmse_m,"
+        "map_cells,own_bits,heard_bits"
+    )
 
 
 def test_every_frame_has_a_row_per_team_mate_heard_or_not(tmp_path: Path) -> None:

@@ -136,7 +136,7 @@ def test_the_summary_has_exactly_the_keys_that_studies_read() -> None:
     assert set(found["robots"]["recon"]) == {
         *("role", "state", "looks", "distance_m", "sent_frames", "sent_bytes", "received_frames"),
         *("received_bytes", "dropped_frames", "link_busy_fraction", "own_cells", "team_cells"),
-        *("team_map_digest", "pose_error_rms_m"),
+        *("team_map_digest", "map_payload_bytes", "pose_error_rms_m"),
     }
     assert set(found["team"]) == {
         *("observable_cells", "mapped_cells", "coverage", "elevation_rmse_m"),

@@ -1,0 +1,27 @@
+"""The paper's experiments: `ropeteam experiment NAME`. One module each, all in one frame.
+
+To add one, write `scenarios/experiments/NAME.py` (dashes become underscores) that holds
+
+    EXPERIMENT = Experiment(trials=..., measure=..., conclude=..., draw=..., settings={...})
+
+of four plain functions (`scenarios.experiments.frame` has their types), and give it a line in
+`EXPERIMENTS` below:
+
+1. `trials(options) -> [trial, ...]` says what is to be measured: plain, picklable values, each with
+   its own seed. What the user may set by `--set KEY=VALUE` is named in `settings`.
+2. `measure(trial) -> [row, ...]` measures one of them, in a process of its own. It is a function of
+   its trial alone: the rows are the same for any `--jobs`.
+3. `conclude(rows) -> Findings` turns all rows, in the order of the trials, into tables (`estimate`
+   gives means with their 95 % intervals) and claims: for each claim of the paper its words, whether
+   it held, and the number that says so.
+4. `draw(figure, rows)` draws the paper's figure on an empty matplotlib figure.
+
+The frame does the rest: processes, folder, `rows.csv` (all that was measured), a `.csv` per table,
+`experiment.json` (claims and tables), `figure.png`, and what is printed.
+"""
+
+EXPERIMENTS = {
+    "compress": "what the paper's map codec and its four compressors cost, and what they lose",
+    "sharing": "what thin links do to a team, by the way of sharing and by rate",
+}
+"""Name and one line of each, in the order in which they are listed."""
