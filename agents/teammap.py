@@ -144,7 +144,9 @@ class TeamMap:
         self.store = store
         self.own = own
         self.me = me
-        self._drawn: dict[AnchorKey, Estimate] = {}
+        self._drawn: dict[AnchorKey, dict[int, Estimate]] = {}
+        """The tiles of each submap that tell something: a grid each would let a few bytes, which
+        name many submaps, take much memory."""
         self._revisions: dict[AnchorKey, int] = {}
         self._folds: dict[
             tuple[Origin, tuple[bool, bool]], tuple[tuple[tuple[int, int], ...], Estimate]
@@ -158,12 +160,10 @@ class TeamMap:
     def tile_changed(self, key: TileKey) -> None:
         """Redraw a tile whose payload grew."""
         anchor_key = AnchorKey(key.robot, key.incarnation, key.submap)
-        drawing = self._drawn.setdefault(anchor_key, blank(self.grid.frame.shape))
-        window = self.grid.window(key.tile)
         tile = self.tile_estimate(key)
-        drawing.elevation_m[window] = tile.elevation_m
-        drawing.variance_m2[window] = tile.variance_m2
-        drawing.looks[window] = tile.looks
+        if not tile.known.any() and key.tile not in self._drawn.get(anchor_key, {}):
+            return
+        self._drawn.setdefault(anchor_key, {})[key.tile] = tile
         self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
         self._fused = self._heard = self._layers = self._relief = None
 
@@ -243,8 +243,9 @@ class TeamMap:
     def known_entries(self) -> int:
         """Count the known (origin, submap, cell) entries, own unpublished cells included."""
         heard = sum(
-            int(np.count_nonzero(drawing.known))
-            for key, drawing in self._drawn.items()
+            int(np.count_nonzero(tile.known))
+            for key, tiles in self._drawn.items()
+            for tile in tiles.values()
             if Origin(key.robot, key.incarnation) != self.me
         )
         return heard + self.own.known_cells()
@@ -260,10 +261,7 @@ class TeamMap:
 
     def published_mask(self, origin: Origin, submap: int) -> Bools:
         """Return the cells of a submap of which anything was published (and is here)."""
-        drawing = self._drawn.get(AnchorKey(*origin, submap))
-        if drawing is None:
-            return np.zeros(self.grid.frame.shape, dtype=bool)
-        return drawing.known
+        return self._drawing(AnchorKey(*origin, submap)).known
 
     def _fuse(self, *, own_as_sent: bool, with_anchors: bool = True) -> Estimate:
         layers = self._fold_all((own_as_sent, with_anchors))
@@ -282,7 +280,7 @@ class TeamMap:
             if origin == self.me or anchor is None:
                 continue  # without an anchor nobody knows where the submap lies
             mark = (self._revisions[key], anchor.version)
-            sheet = _Sheet(mark, partial(self._drawn.__getitem__, key), anchor)
+            sheet = _Sheet(mark, partial(self._drawing, key), anchor)
             origins.setdefault(origin, []).append(sheet)
         draw = self.own_as_sent if own_as_sent else self._own_drawing
         for index, submap in enumerate(self.own.submaps):
@@ -290,6 +288,16 @@ class TeamMap:
             sheet = _Sheet(mark, partial(draw, index), submap.anchor)
             origins.setdefault(self.me, []).append(sheet)
         return origins
+
+    def _drawing(self, key: AnchorKey) -> Estimate:
+        """Return all that was heard of a submap, before its anchor is applied."""
+        drawing = blank(self.grid.frame.shape)
+        for number, tile in self._drawn.get(key, {}).items():
+            window = self.grid.window(number)
+            drawing.elevation_m[window] = tile.elevation_m
+            drawing.variance_m2[window] = tile.variance_m2
+            drawing.looks[window] = tile.looks
+        return drawing
 
     def _own_drawing(self, index: int) -> Estimate:
         submap = self.own.submaps[index]

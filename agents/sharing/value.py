@@ -22,6 +22,8 @@ MIN_BITS_PER_BYTE = 0.5
 """Less than this is not worth a byte of radio: the run has settled when nothing better is left."""
 SMALLEST_CHUNK_BYTES = 16
 """No chunk of another tile is begun in less room than this at the end of a frame."""
+FRESH = -1
+"""Stands for the version that is to be published next; those heard are numbered from 0."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class Steps:
 class Offer:
     """The best next stretch of one version of a tile: its worth per byte, and where it starts.
 
-    Version 0 is one that was not published yet.
+    `FRESH` is one that was not published yet.
     """
 
     density: float
@@ -106,7 +108,9 @@ class Value(Policy):
 
     def heard_report(self, heard: Heard, report: Report) -> None:
         """Believe what a team-mate says, but for what was sent only just now."""
-        self._stale.update(self.repair.heard_report(heard.sender.robot, report, heard.now_s))
+        changed = self.repair.heard_report(heard.sender.robot, report, heard.now_s)
+        # Of what is not here nothing can be sent, and hostile reports tell of much that is nowhere.
+        self._stale.update(key for key in changed if self.store.versions(key))
 
     def heard_mark(self, heard: Heard, mark: Mark) -> None:
         """Compare a team-mate's store with this robot's."""
@@ -151,7 +155,7 @@ class Value(Policy):
             key = self._best()
             if key is None:
                 break
-            if self._offers[key].version == 0:
+            if self._offers[key].version == FRESH:
                 self._publish(key)
                 continue
             chunk = self._chunk(key, room - CHUNK_HEADER_BYTES)
@@ -240,7 +244,7 @@ class Value(Policy):
         size = before.size_bytes if before else 24 + known // 5
         listeners = len(self.repair.listeners)
         density = self.weight(key) * gain * listeners / (size + CHUNK_HEADER_BYTES)
-        return Offer(density, 0)
+        return Offer(density, FRESH)
 
     def _own_tile(self, key: TileKey) -> Estimate:
         submap = self.desk.team.own.submaps[key.submap]
