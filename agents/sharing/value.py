@@ -5,6 +5,7 @@ lack, over all listeners, times the weight of the place for the team's task. One
 who hear it; loss of a frame costs that frame and a few bytes of a report (`agents.sharing.repair`).
 """
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
@@ -263,15 +264,27 @@ class Value(Policy):
         self._stale.add(key)
 
     def _steps_of(self, key: TileKey, version: Version) -> Steps:
-        """Return what a version is worth level by level; of one that was heard, all at once.
-
-        Where its levels end only its origin knows; who relays it sends all that it has.
-        """
+        """Return what a version is worth level by level."""
         known = self._steps.get((key, version.number))
         if known is None or known.known_bytes < version.prefix_bytes:
-            known = self._worth(key, version.prefix, (version.prefix_bytes,))
+            known = self._worth(key, version.prefix, self._level_ends(key, version.prefix))
             self._steps[key, version.number] = known
         return known
+
+    def _level_ends(self, key: TileKey, data: bytes) -> tuple[int, ...]:
+        """Return where the levels of a payload end that another robot wrote, by trying prefixes."""
+        shape = self.desk.team.grid.shape(key.tile)
+
+        def level_at(end: int) -> int:
+            tile = self.desk.payloads.decode(data[:end], shape)
+            return -1 if tile is None else tile.level
+
+        ends: list[int] = []
+        last = level_at(len(data))
+        for level in range(last):
+            low = ends[-1] if ends else 0
+            ends.append(bisect_left(range(len(data)), level, lo=low, key=level_at))
+        return (*ends, len(data))
 
     def _worth(self, key: TileKey, data: bytes, ends: tuple[int, ...]) -> Steps:
         """Decode a payload level by level and count the information of each."""
