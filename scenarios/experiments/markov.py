@@ -28,8 +28,8 @@ from scenarios.experiments.markov_surfaces import (
     holes,
     measured,
     neighbour_mean,
+    sample,
     sinusoid,
-    step,
     swept,
     timed,
     variogram_sigma,
@@ -86,20 +86,6 @@ def measure(trial: Trial) -> Sequence[Row]:
     base["surface"] = trial.surface if trial.surface in MADE_UP else Path(trial.surface).stem
     elevation_m, cell_m = ground_of(trial.surface, trial.seed, trial.cell_m)
     return [base | row for row in _calibration(elevation_m, cell_m, rng)]
-
-
-def sample(name: str, rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """Return one of Fig. 7's surfaces: the truth, and as it is known (both H, W)."""
-    if name == "sinusoid":
-        ground = sinusoid(rng)
-        return ground, measured(ground, holes(ground.shape, 1, 0.5, rng), rng)
-    ground = step(rng)
-    unknown = np.zeros(ground.shape, dtype=np.bool_)
-    if name == "step":
-        unknown[SIDE // 2 :] = True
-    else:
-        unknown = ground < 0.5
-    return ground, measured(ground, unknown, rng)
 
 
 def _sample(name: str, rng: np.random.Generator) -> Row:

@@ -99,27 +99,27 @@ def pooled(rows: Sequence[Row], key: str) -> float:
 
 def _sigma_table(rows: Sequence[Row]) -> Table:
     ground = chosen(rows, part="ground")
-    keys = ("rmse_m", "sigma_m", "z_rms", "within_1", "within_2", "within_3")
+    laws = [str(law) for law in distinct(ground, "law")]
     cells = [
         [
             str(surface),
             str(kind),
-            str(law),
             f"{float(mine[0]['from_cells']):g} to {float(mine[0]['to_cells']):g}",
-            *(estimate(values(mine, key)) for key in keys),
+            estimate(values(chosen(mine, law=laws[0]), "rmse_m")),
+            *(estimate(values(chosen(mine, law=law), "sigma_m")) for law in laws),
+            *(estimate(values(chosen(mine, law=law), "within_2")) for law in laws),
         ]
         for surface in distinct(ground, "surface")
         for kind in distinct(ground, "unknown")
-        for law in distinct(ground, "law")
         for low in distinct(ground, "from_cells")
-        for mine in [chosen(ground, surface=surface, unknown=kind, law=law, from_cells=low)]
+        for mine in [chosen(ground, surface=surface, unknown=kind, from_cells=low)]
         if mine
     ]
     columns = [
-        "ground", "unknown", "law", "cells from known", "rms error, m", "sigma, m", "rms of error / sigma",
-        "within 1", "within 2", "within 3",
+        "ground", "unknown", "cells from known", "rms error, m",
+        *(f"sigma {law}, m" for law in laws), *(f"within 2, {law}" for law in laws),
     ]  # fmt: skip
-    formats = ["", "", "", "", ".3f", ".3f", ".2f", ".3f", ".3f", ".3f"]
+    formats = ["", "", "", *([".3f"] * (1 + 2 * len(laws)))]
     return Table("sigmas", "Errors of estimated cells and their sigmas", columns, cells, formats)
 
 

@@ -1,6 +1,5 @@
 """The figure of the `markov` experiment: Fig. 7, errors by size of holes, and sigmas."""
 
-import importlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -10,6 +9,7 @@ from agents import markov
 from agents.geometry import Floats
 from scenarios.experiments.figure import COLOURS
 from scenarios.experiments.markov_claims import MM, chosen, distinct, values
+from scenarios.experiments.markov_surfaces import sample
 from scenarios.experiments.tables import Row
 from scenarios.palette import INK, MUTED
 
@@ -29,18 +29,17 @@ def draw(figure: "Figure", rows: Sequence[Row]) -> None:
         fontweight="bold",
     )
     panels = figure.subplots(2, 3, width_ratios=(1, 1, 1.35))
-    experiment = importlib.import_module("scenarios.experiments.markov")
     seed = min(int(row["seed"]) for row in rows)
     for number, (name, title) in enumerate(
         (("sinusoid", "sinusoid, unknown cells"), ("step", "step, one half unknown"))
     ):
-        _, known_m = experiment.sample(name, np.random.default_rng((seed, 7)))
+        _, known_m = sample(name, np.random.default_rng((seed, 7)))
         panels[number, 0].set_title(f"Sample {number + 1}: {title}")
         panels[number, 1].set_title("completed")
         _show(panels[number, 0], known_m, known_m)
         _show(panels[number, 1], markov.complete(known_m), known_m)
     _draw_sizes(panels[0, 2], chosen(rows, part="size"))
-    _draw_sigmas(panels[1, 2], chosen(rows, part="ground", unknown="holes", law="in use"))
+    _draw_sigmas(panels[1, 2], chosen(rows, part="ground", unknown="holes"))
 
 
 def _show(axes: "Axes", values_m: Floats, known_m: Floats) -> None:
@@ -65,15 +64,18 @@ def _draw_sizes(axes: "Axes", sizes: Sequence[Row]) -> None:
 
 
 def _draw_sigmas(axes: "Axes", ground: Sequence[Row]) -> None:
-    axes.set_title("Error against sigma, by distance to known ground")
+    """Draw the share of cells within two sigmas; 95 % would be right for Gaussian errors."""
+    axes.set_title("Share of cells in holes within two sigmas")
     for colour, surface in zip(COLOURS, distinct(ground, "surface"), strict=False):
-        mine = chosen(ground, surface=surface)
-        bins = [float(b) for b in distinct(mine, "to_cells")]
-        for style, key in (("o-", "rmse_m"), ("--", "sigma_m")):
-            means = [np.mean(values(chosen(mine, to_cells=b), key)) for b in bins]
-            what = "rms error" if key == "rmse_m" else "sigma"
-            axes.plot(bins, means, style, color=colour, label=f"{surface}, {what}")
-    axes.set(xscale="log", yscale="log", xlabel="at most so many cells away", ylabel="m")
+        for style, law in zip(("o-", "s--"), distinct(ground, "law"), strict=False):
+            mine = chosen(ground, surface=surface, law=law)
+            bins = [float(b) for b in distinct(mine, "to_cells")]
+            shares = [np.mean(values(chosen(mine, to_cells=b), "within_2")) for b in bins]
+            axes.plot(bins, shares, style, color=colour, label=f"{surface}, {law}", ms=4)
+    axes.axhline(0.95, color=INK, lw=1)
+    bins = [float(b) for b in distinct(ground, "to_cells")]
+    axes.set(xscale="log", xlabel="at most so many cells from known ground")
+    axes.set_xticks(bins, [f"{b:g}" for b in bins])
+    axes.minorticks_off()
     axes.grid(color=MUTED, alpha=0.2)
-    axes.tick_params(labelcolor=INK)
     axes.legend(fontsize=9)

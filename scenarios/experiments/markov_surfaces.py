@@ -69,6 +69,20 @@ def measured(ground_m: Floats, unknown: Bools, rng: np.random.Generator) -> Floa
     return np.where(unknown, np.nan, noisy)
 
 
+def sample(name: str, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Return one of Fig. 7's surfaces: the truth, and as it is known (both H, W)."""
+    if name == "sinusoid":
+        ground = sinusoid(rng)
+        return ground, measured(ground, holes(ground.shape, 1, 0.5, rng), rng)
+    ground = step(rng)
+    unknown = np.zeros(ground.shape, dtype=np.bool_)
+    if name == "step":
+        unknown[SIDE // 2 :] = True
+    else:
+        unknown = ground < 0.5
+    return ground, measured(ground, unknown, rng)
+
+
 def ground_of(name: str, seed: int, cell_m: float | None = None) -> tuple[Floats, float]:
     """Return elevations (H, W), NaN where unknown, and their cell size: made up, or a file's.
 
@@ -120,8 +134,8 @@ def neighbour_mean(values: Floats) -> Floats:
 def variogram_sigma(known_m: Floats, distance_cells: Floats) -> Floats:
     """Return another law for estimated cells (H, W): how much known heights so far apart differ.
 
-    The root mean square of differences at lags of 1, 2, 4 ... cells, along rows and columns; between
-    lags by power laws, beyond the longest as at the longest. Rocks and steps count as they are.
+    The root mean square of differences at lags of 1, 2, 4 ... cells, along rows and columns;
+    between lags by power laws, beyond the longest as at the longest. Rocks and steps count.
     """
     lags = [2**k for k in range(12) if 2 ** (k + 1) < min(known_m.shape)]
     apart = [
