@@ -1,9 +1,7 @@
 """How a camera moved, from points that it tracked: Sujan & Meggiolaro, section 2.3.4, Eqs. 10-12.
 
 The closed form of `agents.rigidmotion` inside RANSAC, then refined by what each point's own
-covariance says. Covariances (6, 6) of a motion are of (error of X in metres, error of R as a
-rotation vector in radians), both in the axes of the frame after: `R_true = exp(error) R`,
-`X_true = X + error`.
+covariance says.
 """
 
 import itertools
@@ -13,7 +11,9 @@ import numpy as np
 
 from agents import rotations
 from agents.geometry import Bools, Floats, Ints
-from agents.rigidmotion import EgomotionError, checked, closed_form, fitted
+from agents.rigidmotion import EgomotionError, Motion, checked, closed_form, fitted
+from comms import kernels
+from comms.kernels import kernel
 
 GATE = 16.27
 """Squared Mahalanobis distance that 99.9 % of true points keep (chi-squared, 3 degrees)."""
@@ -27,47 +27,6 @@ STEPS = 8
 """Gauss-Newton steps at most; two or three do."""
 SETTLED = 1e-8
 """Square of the last step's length, in sigmas."""
-
-
-@dataclass(frozen=True)
-class Motion:
-    """A rigid motion with the covariance of its error."""
-
-    rotation: Floats
-    """R, (3, 3)."""
-    translation_m: Floats
-    """X, (3,)."""
-    covariance: Floats
-    """(6, 6) of (X, R), as the module says."""
-
-    @classmethod
-    def none(cls) -> "Motion":
-        """Return the motion that moves nothing, for certain."""
-        return cls(np.eye(3), np.zeros(3), np.zeros((6, 6)))
-
-    def moved(self, points_m: Floats) -> Floats:
-        """Return points (n, 3) of the frame before in the frame after."""
-        return points_m @ self.rotation.T + self.translation_m
-
-    def then(self, following: "Motion") -> "Motion":
-        """Return both motions one after the other, their errors independent (first order)."""
-        turned_m = following.rotation @ self.translation_m
-        carried = np.kron(np.eye(2), following.rotation)
-        lever = np.eye(6)
-        lever[:3, 3:] = -rotations.cross_matrix(turned_m)
-        covariance = lever @ following.covariance @ lever.T + carried @ self.covariance @ carried.T
-        return Motion(
-            following.rotation @ self.rotation, turned_m + following.translation_m, covariance
-        )
-
-    def inverse(self) -> "Motion":
-        """Return the motion back."""
-        back = self.rotation.T
-        jacobian = np.zeros((6, 6))
-        jacobian[:3, :3] = jacobian[3:, 3:] = -back
-        jacobian[:3, 3:] = -back @ rotations.cross_matrix(self.translation_m)
-        covariance = jacobian @ self.covariance @ jacobian.T
-        return Motion(back, -back @ self.translation_m, covariance)
 
 
 @dataclass(frozen=True)
@@ -149,17 +108,74 @@ def _step(tracks: Tracks, rotation: Floats, translation_m: Floats) -> tuple[Floa
 
 
 def _residual(tracks: Tracks, rotation: Floats, translation_m: Floats) -> tuple[Floats, Floats]:
-    """Return what R and X leave (..., n, 3) and the inverses of its covariances (..., n, 3, 3)."""
-    turning = rotation[..., None, :, :]
-    moved = (turning @ tracks.before_m[:, :, None])[..., 0] + translation_m[..., None, :]
-    noise = tracks.after_noise + turning @ tracks.before_noise @ np.swapaxes(turning, -1, -2)
-    return tracks.after_m - moved, np.asarray(np.linalg.inv(noise), dtype=np.float64)
+    """Return what R and X leave (n, 3) and the inverses of its covariances (n, 3, 3)."""
+    moved_m = tracks.before_m @ rotation.T + translation_m
+    noise = tracks.after_noise + rotation @ tracks.before_noise @ rotation.T
+    return tracks.after_m - moved_m, np.asarray(np.linalg.inv(noise), dtype=np.float64)
 
 
 def distances(tracks: Tracks, rotation: Floats, translation_m: Floats) -> Floats:
-    """Return each point's squared Mahalanobis distance (..., n) from where a motion takes it."""
-    error, weight = _residual(tracks, rotation, translation_m)
-    return (error[..., None, :] @ weight @ error[..., None])[..., 0, 0]
+    """Return each point's squared Mahalanobis distance (k, n) from where k motions take it.
+
+    Args:
+        tracks: n points.
+        rotation: R of each motion, (k, 3, 3).
+        translation_m: X of each, (k, 3).
+    """
+    out = np.empty((len(rotation), len(tracks.before_m)))
+    plain = np.ascontiguousarray
+    _far(
+        plain(tracks.before_m),
+        plain(tracks.after_m),
+        plain(tracks.before_noise),
+        plain(tracks.after_noise),
+        plain(rotation),
+        plain(translation_m),
+        out,
+    )
+    return out
+
+
+@kernel
+def _far(
+    before: np.ndarray,
+    after: np.ndarray,
+    before_noise: np.ndarray,
+    after_noise: np.ndarray,
+    rotation: np.ndarray,
+    translation: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    e, turned, s = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+    for k in range(out.shape[0]):
+        r = rotation[k]
+        for i in range(out.shape[1]):
+            for a in range(3):
+                e[a] = after[i, a] - translation[k, a]
+                for b in range(3):
+                    e[a] -= r[a, b] * before[i, b]
+                    turned[a, b] = 0.0
+                    for c in range(3):
+                        turned[a, b] += r[a, c] * before_noise[i, c, b]
+            for a in range(3):
+                for b in range(3):
+                    s[a, b] = after_noise[i, a, b]
+                    for c in range(3):
+                        s[a, b] += turned[a, c] * r[b, c]
+            # s^-1 = adjugate / determinant, both symmetric
+            xx, yy = s[1, 1] * s[2, 2] - s[1, 2] ** 2, s[0, 0] * s[2, 2] - s[0, 2] ** 2
+            zz, xy = s[0, 0] * s[1, 1] - s[0, 1] ** 2, s[0, 2] * s[1, 2] - s[0, 1] * s[2, 2]
+            xz, yz = s[0, 1] * s[1, 2] - s[0, 2] * s[1, 1], s[0, 1] * s[0, 2] - s[0, 0] * s[1, 2]
+            determinant = s[0, 0] * xx + s[0, 1] * xy + s[0, 2] * xz
+            squares = xx * e[0] ** 2 + yy * e[1] ** 2 + zz * e[2] ** 2
+            mixed = xy * e[0] * e[1] + xz * e[0] * e[2] + yz * e[1] * e[2]
+            out[k, i] = (squares + 2 * mixed) / determinant
+
+
+@kernels.warmer
+def _warm() -> None:
+    one, eye = np.zeros((1, 3)), np.eye(3)[None]
+    _far(one, one, eye, eye, eye, one, np.zeros((1, 1)))
 
 
 @dataclass(frozen=True)
@@ -198,7 +214,7 @@ def find_motion(tracks: Tracks, rng: np.random.Generator) -> Found:
         kept = tracks.only(inliers)
         start = closed_form(kept.before_m, kept.after_m, weights[inliers])
         motion = refined(kept, *start)
-        again = distances(tracks, motion.rotation, motion.translation_m) <= GATE
+        again = distances(tracks, motion.rotation[None], motion.translation_m[None])[0] <= GATE
         if np.array_equal(again, inliers):
             break
         inliers = again

@@ -1,7 +1,11 @@
 """The rigid motion that fits two sets of points: Sujan & Meggiolaro, Eqs. 10 to 12.
 
 A motion takes points of the frame before it to the frame after it: `after = R before + X` (Eq. 10).
+Covariances (6, 6) of a motion are of (error of X in metres, error of R as a rotation vector in
+radians), both in the axes of the frame after: `R_true = exp(error) R`, `X_true = X + error`.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +19,47 @@ THIN = 1e-6
 
 class EgomotionError(AgentError):
     """Points that don't tell a motion."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A rigid motion with the covariance of its error."""
+
+    rotation: Floats
+    """R, (3, 3)."""
+    translation_m: Floats
+    """X, (3,)."""
+    covariance: Floats
+    """(6, 6) of (X, R), as the module says."""
+
+    @classmethod
+    def none(cls) -> "Motion":
+        """Return the motion that moves nothing, for certain."""
+        return cls(np.eye(3), np.zeros(3), np.zeros((6, 6)))
+
+    def moved(self, points_m: Floats) -> Floats:
+        """Return points (n, 3) of the frame before in the frame after."""
+        return points_m @ self.rotation.T + self.translation_m
+
+    def then(self, following: "Motion") -> "Motion":
+        """Return both motions one after the other, their errors independent (first order)."""
+        turned_m = following.rotation @ self.translation_m
+        carried = np.kron(np.eye(2), following.rotation)
+        lever = np.eye(6)
+        lever[:3, 3:] = -rotations.cross_matrix(turned_m)
+        covariance = lever @ following.covariance @ lever.T + carried @ self.covariance @ carried.T
+        return Motion(
+            following.rotation @ self.rotation, turned_m + following.translation_m, covariance
+        )
+
+    def inverse(self) -> "Motion":
+        """Return the motion back."""
+        back = self.rotation.T
+        jacobian = np.zeros((6, 6))
+        jacobian[:3, :3] = jacobian[3:, 3:] = -back
+        jacobian[:3, 3:] = -back @ rotations.cross_matrix(self.translation_m)
+        covariance = jacobian @ self.covariance @ jacobian.T
+        return Motion(back, -back @ self.translation_m, covariance)
 
 
 def checked(before_m: Floats, after_m: Floats, least: int) -> int:

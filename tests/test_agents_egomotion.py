@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from agents import rotations
-from agents.egomotion import Motion, Tracks, distances, find_motion, point_covariance, refined
-from agents.rigidmotion import EgomotionError, closed_form, least_squares
+from agents.egomotion import Tracks, distances, find_motion, point_covariance, refined
+from agents.rigidmotion import EgomotionError, Motion, closed_form, least_squares
 from agents.runningmotion import RunningMotion, running_motion
 
 seeds = st.integers(0, 2**32 - 1)
@@ -287,9 +287,23 @@ def test_points_that_do_not_agree_are_refused():
 
 def test_distances_are_chi_squared():
     rng = np.random.default_rng(6)
-    d = distances(tracked(rng, 4000, *SMALL), *SMALL)
+    d = distances(tracked(rng, 4000, *SMALL), SMALL[0][None], SMALL[1][None])[0]
     assert d.mean() == pytest.approx(3.0, abs=0.15)
     assert (d < chi2.ppf(0.95, 3)).mean() == pytest.approx(0.95, abs=0.012)
+
+
+@given(seeds)
+@settings(max_examples=25, deadline=None)
+def test_distances_are_those_of_plain_algebra(seed):
+    rng = np.random.default_rng(seed)
+    tracks = tracked(rng, 5, *SMALL, s=0.05)
+    motions = [some_motion(rng) for _ in range(3)]
+    got = distances(tracks, *(np.array(part) for part in zip(*motions, strict=True)))
+    for k, (r, x) in enumerate(motions):
+        for i in range(5):
+            e = tracks.after_m[i] - r @ tracks.before_m[i] - x
+            s = tracks.after_noise[i] + r @ tracks.before_noise[i] @ r.T
+            assert got[k, i] == pytest.approx(e @ np.linalg.solve(s, e), rel=1e-9)
 
 
 # --- Eq. 13 ---------------------------------------------------------------------------------------

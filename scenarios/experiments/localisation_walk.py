@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents import rotations
-from agents.egomotion import Found, Motion, Tracks, find_motion, point_covariance
+from agents.egomotion import Found, Tracks, find_motion, point_covariance
 from agents.geometry import Bools, Floats, Ints
-from agents.rigidmotion import EgomotionError, closed_form, least_squares
+from agents.rigidmotion import EgomotionError, Motion, closed_form, least_squares
 from agents.runningmotion import running_motion
 from agents.settings import SensorSettings
 from scenarios.experiments.tables import Row
