@@ -75,7 +75,7 @@ def _measured(site: Site, trial: Trial, way: str) -> Row:
         "corners": len(found.vertices),
         "mean_px": found.mean_px,
         "max_px": found.max_px,
-        **_deviations(found),
+        **deviations(found),
         "simple": polygon.is_simple(found.vertices),
         "hull_share": float(inside.sum() / hull.sum()),
         "overlap": _overlap(inside, found.plateau),
@@ -94,7 +94,7 @@ def _overlap(one: Bools, other: Bools) -> float:
     return float((one & other).sum() / (one | other).sum())
 
 
-def _deviations(found: edge.Edge) -> Row:
+def deviations(found: edge.Edge) -> Row:
     """Return how far the plateau's outermost pixels lie from the polygon, in cells.
 
     Of all of them; of those that are not at the map's border, where straight lines fit any edge;

@@ -97,6 +97,6 @@ def _draw_deviations(axes: "Axes", rows: Sequence[Row]) -> None:
     for colour, label in zip(COLOURS, ("largest", "segments' largest, mean", "mean"), strict=False):
         axes.plot([], [], "o", color=colour, label=label)
     axes.axhline(1.0, color=INK, lw=1)
-    axes.set(ylim=(0, 1.15), xlim=(-0.5, 3.5))
+    axes.set(ylim=(0, 1.3), xlim=(-0.5, 3.5))
     axes.set_xticks([])
-    axes.legend(fontsize=9, loc="center right")
+    axes.legend(fontsize=9, loc="upper center", ncols=3)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from scenarios.experiments.figure import COLOURS
-from scenarios.experiments.localisation_claims import MM, OURS, chosen, curve, distinct, rms
+from scenarios.experiments.localisation_claims import MM, OURS, chosen, curve, distinct, typical
 from scenarios.experiments.localisation_walk import WAYS
 from scenarios.experiments.tables import Row
 from scenarios.palette import MUTED
@@ -20,7 +20,7 @@ def draw(figure: "Figure", rows: Sequence[Row]) -> None:
     """Draw the accumulated error at each distance, and the error by number of fiducials."""
     figure.set_size_inches(16, 5.6)
     figure.suptitle(
-        "Accumulated r.m.s. translation error of a camera that goes by fiducials",
+        "Accumulated r.m.s. translation error of a camera that goes by fiducials, median of seeds",
         x=0.012,
         ha="left",
         fontsize=16,
@@ -53,7 +53,7 @@ def _draw_counts(axes: "Axes", rows: Sequence[Row]) -> None:
     for colour, distance_m in zip(COLOURS, distinct(rows, "distance_m"), strict=False):
         for style, way in zip(_STYLES, WAYS, strict=True):
             errors = [
-                MM * rms(mine, f"{way} error_m")
+                MM * typical(mine, f"{way} error_m")
                 for n in counts
                 for mine in [
                     chosen(rows, "path", distance_m=distance_m, fiducials=n, travelled_m=end_m)

@@ -35,6 +35,8 @@ FALSE_SHARE = 0.2
 """How far off a false track is, as a share of the mean distance."""
 WAYS = ("refined", "closed form", "Eq. 12")
 """Ways to tell a motion from the same points."""
+RUNNING_EVERY = 8
+"""Eq. 13 is looked at in every eighth motion: it fits the points over and over."""
 STEP_NUMBERS = (
     "step running error_m",
     "step running said_m",
@@ -105,7 +107,7 @@ def walk(course: Course, rng: np.random.Generator) -> Iterator[Row]:
             off_m = chains[way].translation_m - camera.place_m
             row[f"{way} error_m"] = float(np.linalg.norm(off_m))
         row["said_m"] = math.sqrt(float(np.trace(chains["refined"].covariance[:3, :3])))
-        if found is not None:
+        if found is not None and k % RUNNING_EVERY == 0:
             row |= _running(tracks, found, cameras[k - 1], camera)
         yield row
         frame = following

@@ -23,7 +23,6 @@ from scenarios.experiments.markov_figure import draw
 from scenarios.experiments.markov_surfaces import (
     CELL_M,
     MADE_UP,
-    SIDE,
     ground_of,
     holes,
     measured,
@@ -41,7 +40,7 @@ TIGHT_M, LOOSE_M = 1e-9, 1e-3
 DIAMETERS = (1, 2, 4, 8, 16, 32)
 """Of holes in the sinusoid, in cells."""
 UNKNOWN_SHARE = 0.3
-LARGE_SIDE = 512
+SIZE_SIDE, LARGE_SIDE = 128, 512
 HOLES_M = (0.2, 0.5, 1.2, 3.0, 7.5)
 """Diameters of holes in rough ground of 0.1 m cells; in proportion where cells are larger."""
 BINS = (0.5, 1.5, 3.0, 6.0, 12.0, 24.0, 48.0)
@@ -148,7 +147,7 @@ def _rms(values: Floats) -> float:
 def _by_size(rng: np.random.Generator) -> Iterator[Row]:
     """Tell the error in holes of one size in the sinusoid; of the nearest cell's height too."""
     for diameter in DIAMETERS:
-        ground = sinusoid(rng, 2 * SIDE)
+        ground = sinusoid(rng, SIZE_SIDE)
         unknown = holes(ground.shape, diameter, UNKNOWN_SHARE, rng)
         known_m = measured(ground, unknown, rng)
         filled = markov.complete(known_m)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from scenarios.experiments.frame import Claim, Findings
+from scenarios.experiments.markov_surfaces import SIDE
 from scenarios.experiments.tables import Row, Table, estimate
 
 MM = 1000.0
@@ -71,7 +72,7 @@ def _work_table(samples: Sequence[Row]) -> Table:
         "ours at 512 x 512, ms",
     ]  # fmt: skip
     formats = ["", ",.0f", ",.0f", ",.0f", ",.1f", ".2f", ".1f"]
-    return Table("work", "Work on 64 x 64 cells, processor time", columns, cells, formats)
+    return Table("work", f"Work on {SIDE} x {SIDE} cells, processor time", columns, cells, formats)
 
 
 def _size_table(rows: Sequence[Row]) -> Table:
@@ -88,7 +89,7 @@ def _size_table(rows: Sequence[Row]) -> Table:
         for mine in [chosen(sizes, diameter_cells=diameter)]
     ]
     columns = ["diameter of holes, cells", "rms", "rms of the nearest cell's height", "worst"]
-    title = "Error in holes of the sinusoid (wavelength 32 cells, 1 m high), mm"
+    title = "Error in holes of the sinusoid (two crossing waves of 32 cells and 0.5 m), mm"
     return Table("sizes", title, columns, cells, [".0f", ".1f", ".1f", ".0f"])
 
 

@@ -15,13 +15,13 @@ from sim.settings import TerrainSettings
 from sim.terrain_files import read_elevation
 
 CELL_M = 0.1
-SIDE = 64
-"""Cells of a side of Fig. 7's surfaces."""
+SIDE = 48
+"""Cells of a side of Fig. 7's surfaces: sweeps take time by its fourth power."""
 GROUND_SIDE = 256
 LARGEST_FILE_SIDE = 512
 """Of a larger file the middle is taken."""
 WAVE_CELLS = 32.0
-"""Wavelength of the sinusoid: that of two crossing waves."""
+"""Wavelength of the sinusoid."""
 NOISE_M = 0.005
 """Known cells are measured with this deviation."""
 MADE_UP = ("cliff", "plain")
@@ -30,7 +30,7 @@ SWEEPS = 400_000
 
 
 def sinusoid(rng: np.random.Generator, side: int = SIDE) -> Floats:
-    """Return two crossing waves 1 m high (side, side), their phases drawn."""
+    """Return two crossing waves of 0.5 m (side, side), their phases drawn."""
     y, x = np.mgrid[:side, :side] * (2 * np.pi / WAVE_CELLS)
     one, other = rng.uniform(0, 2 * np.pi, 2)
     return np.asarray(0.5 * (np.sin(x + one) + np.sin(y + other)), dtype=np.float64)
