@@ -1,11 +1,16 @@
 """The map codec: elevation grids in few bytes, every known cell within a stated bound.
 
+
 Two forms share one model. `encode_grid` makes a whole map as small as it gets. `encode_tile` makes
 one progressive payload for the radio: cut after any byte, it decodes to the last level that is
 whole, and each level states a bound that holds for every cell that it calls known.
 
 Elevations are float32 when decoded, and the bounds hold for these: the encoder compares what the
 decoder will give with what it was given, never with what it should be. Unknown cells are NaN.
+
+Occupancy has the same two forms, `encode_occupancy` and `encode_occupancy_tile`, for planar grids
+and for blocks of voxels. Log odds come back as one of a few classes, never surer than they were
+given; where a cell is not known they are 0.
 """
 
 import numpy as np
@@ -14,19 +19,27 @@ from numpy.typing import NDArray
 from comms.blocks import block_max, spread
 from comms.errors import CodecError
 from comms.gridcode import decode_grid, decode_grid_sigma, encode_grid
+from comms.occupancy.grid import decode_occupancy, encode_occupancy, log_odds_as_sent
+from comms.occupancy.tile import DecodedOccupancy, decode_occupancy_tile, encode_occupancy_tile
 from comms.sigmacode import code_of, sigma_of
 from comms.tilecode import DecodedTile, EncodedTile, decode_tile, encode_tile
 from comms.tilelevels import SIGMA_BLOCK
 
 __all__ = [
     "CodecError",
+    "DecodedOccupancy",
     "DecodedTile",
     "EncodedTile",
     "decode_grid",
     "decode_grid_sigma",
+    "decode_occupancy",
+    "decode_occupancy_tile",
     "decode_tile",
     "encode_grid",
+    "encode_occupancy",
+    "encode_occupancy_tile",
     "encode_tile",
+    "log_odds_as_sent",
     "sigma_as_sent",
 ]
 
