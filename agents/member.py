@@ -6,6 +6,7 @@ Nothing here moves or looks. A member on a lander, without wheels, would be this
 import asyncio
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -65,17 +66,13 @@ class Member:
         sharing = way(settings.sharing.policy)
         side = max(settings.frame.shape) if sharing.whole_map else settings.map.tile_cells
         self.grid = TileGrid(settings.frame, side)
-        self.own = OwnLayer(settings.frame)
+        kind = sharing.kind(settings.map)
+        self.own: OwnLayer[Any] = OwnLayer(settings.frame, kind.submap)
         self.store = Store()
-        self.team = TeamMap(
-            self.grid, self.store, self.own, self.me, settings.map.max_error_m, sharing.payloads()
-        )
+        self.team: TeamMap[Any, Any] = TeamMap(self.grid, self.store, self.own, self.me, kind)
         self.sharing = sharing.policy(
-            Desk(
-                settings.sharing, settings.map, self.me, len(settings.roster), self.team,
-                disk.journal,
-            )
-        )  # fmt: skip
+            Desk(settings.sharing, self.me, len(settings.roster), self.team, disk.journal)
+        )
         self.sharing.weight = self.tile_weight
         self.filter = PoseFilter(settings.start, settings.start_covariance)
         self.mates: dict[int, Mate] = {}
@@ -119,7 +116,7 @@ class Member:
 
     def _recovered(self) -> Recovered:
         try:
-            return self.disk.recover(self.settings.frame)
+            return self.disk.recover(self.settings.frame, self.team.kind)
         except DiskError as error:
             self.log.event("disk", str(error))
             return Recovered()

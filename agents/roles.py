@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.briefing import ACTIVITIES, AgentSettings
 from agents.geometry import Bools, Floats, GridFrame, Pose, wrap_angle
+from agents.maps.elevation import relief_sigma_m
 from agents.messages import TetherCommand, pack_tethers
 from agents.paths import path_to, straight_legs, travel_field, traversability
 from agents.robot import Robot
@@ -38,8 +39,8 @@ TRIES = 40
 async def explore(robot: Robot) -> None:
     """Map: look, localise, fuse, share, plan, move (Fig. 2), until no look is worth taking."""
     robot.set_activity("exploring")
-    for pan_rad in np.linspace(0.0, 2 * math.pi, 6, endpoint=False):
-        await robot.look(wrap_angle(float(pan_rad)), math.radians(-25.0))
+    for pan_rad, tilt_rad in robot.mapper.first_looks:
+        await robot.look(wrap_angle(pan_rad), tilt_rad)
     while robot.looks < robot.settings.planner.max_looks:
         plan = await robot.choose_look()
         if plan is None:
@@ -215,7 +216,7 @@ def _with_own_stand(robot: Robot) -> tuple[Floats, Floats]:
     No camera sees the ground that a robot stands on; its wheels tell its height.
     """
     fused = robot.team.fused()
-    elevation_m, sigma_m = fused.elevation_m.copy(), robot.team.relief_sigma_m().copy()
+    elevation_m, sigma_m = fused.elevation_m.copy(), relief_sigma_m(robot.team)
     under = _within(robot.settings.frame, robot.pose, 0.75 * robot.settings.drive.footprint_m)
     unseen = under & np.isnan(elevation_m)
     elevation_m[unseen] = robot.pose.z_m

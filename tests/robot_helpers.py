@@ -8,7 +8,7 @@ from team_helpers import FRAME, MAX_ERROR_M, SURE
 from agents.briefing import AgentSettings
 from agents.disk import Disk
 from agents.geometry import Pose
-from agents.layers import LookCells
+from agents.maps.elevationlook import LookCells
 from agents.messages import unpack_chunks
 from agents.ports import Hardware
 from agents.robot import Robot

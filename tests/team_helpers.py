@@ -5,8 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from agents.geometry import Floats, GridFrame, Pose
-from agents.layers import LookCells, OwnLayer, Submap
-from agents.settings import MapSettings, SharingSettings
+from agents.layers import OwnLayer
+from agents.maps.elevation import ElevationKind, Estimate, Submap
+from agents.maps.elevationlook import LookCells
+from agents.settings import SharingSettings
 from agents.sharing import Desk, Policy, way
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
 from agents.teammap import TeamMap, TileGrid
@@ -38,8 +40,8 @@ def look(rng: np.random.Generator, sigma_m: float | None = None) -> LookCells:
     return LookCells(rows, cols, truth_m()[rows, cols] + noise, sigma**2)
 
 
-def layer(rng: np.random.Generator, looks: int = 3, submaps: int = 1) -> OwnLayer:
-    own = OwnLayer(FRAME)
+def layer(rng: np.random.Generator, looks: int = 3, submaps: int = 1) -> OwnLayer[Submap]:
+    own = OwnLayer(FRAME, Submap)
     for index in range(submaps):
         turned = Pose(START.x_m + index, START.y_m, START.z_m, START.yaw_rad)
         own.begin_submap(turned, SURE * (1 + 10 * index))
@@ -75,11 +77,12 @@ def cut(chunk: Chunk, size: int) -> list[Chunk]:
 
 def team_map(
     me: Origin, own: OwnLayer | None = None, store: Store | None = None, policy: str = "value"
-) -> TeamMap:
+) -> TeamMap[Submap, Estimate]:
     chosen = way(policy)
     grid = TileGrid(FRAME, max(FRAME.shape)) if chosen.whole_map else GRID
-    own = own or OwnLayer(FRAME)
-    return TeamMap(grid, store or Store(), own, me, MAX_ERROR_M, chosen.payloads())
+    own = own or OwnLayer(FRAME, Submap)
+    kind = ElevationKind(MAX_ERROR_M, 1.0, chosen.payloads["elevation"]())
+    return TeamMap(grid, store or Store(), own, me, kind)
 
 
 def hear(team: TeamMap, chunks: Iterable[Chunk]) -> None:
@@ -102,6 +105,5 @@ def sharing(
 ) -> Policy:
     kept: list[Chunk] = [] if journal is None else journal
     chosen = settings or SharingSettings()
-    cells = MapSettings(cell_m=FRAME.cell_m, tile_cells=16, max_error_m=MAX_ERROR_M)
-    desk = Desk(chosen, cells, team.me, team_size, team, kept.append)
+    desk = Desk(chosen, team.me, team_size, team, kept.append)
     return way(chosen.policy).policy(desk)

@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 from team_helpers import FRAME, GRID, SURE, chunks_of, cut, layer, look, sharing, team_map
 
 from agents.geometry import Pose
-from agents.layers import LookCells, OwnLayer
+from agents.layers import OwnLayer
+from agents.maps.elevation import Submap
+from agents.maps.elevationlook import LookCells
 from agents.messages import (
     pack_anchor,
     pack_chunks,
@@ -385,7 +387,7 @@ def test_what_weighs_more_for_the_task_goes_first() -> None:
 def test_latest_first_sends_what_was_published_last_first() -> None:
     """Where a team-mate missed several tiles, the newest goes out again before older ones."""
     options = {"settings": SharingSettings(policy="latest-first")}
-    mind = Mind(0, 2, OwnLayer(FRAME), **options)
+    mind = Mind(0, 2, OwnLayer(FRAME, Submap), **options)
     mind.team.own.begin_submap(Pose(16.0, 1.0, 0.0, 0.0), SURE)
     gossip = Gossip({0: mind, 1: Mind(1, 2, **options)}, payload_bytes=60)
     gossip.hears = lambda sender, receiver, now_s: now_s > 300.0

@@ -1,0 +1,117 @@
+"""Mapping a floor: what a robot with a planar occupancy map expects, fuses and chooses."""
+
+import asyncio
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.geometry import Ints, Pose, wrap_angle
+from agents.mapper import Expected, NextLook
+from agents.maps.planar import MAPPED, Occupancy
+from agents.maps.planarlook import LookOdds, look_odds, visible_cells
+from agents.planar import PlanarView, method
+from agents.ports import Exposure
+
+if TYPE_CHECKING:
+    from agents.robot import Robot
+
+SILENT_S = 240.0
+"""What a team-mate claimed that was not heard for so long counts no more."""
+TOUCHED = 2.5
+"""Log-odds that there is something where the body was stopped: p = 0.92."""
+
+
+class PlanarMapper:
+    """`agents.mapper.Mapper` of planar maps."""
+
+    def __init__(self, robot: "Robot") -> None:
+        """Serve a robot."""
+        self.robot = robot
+        self.settings = s = robot.settings
+        self.method = method(s.method, s.sensor, s.drive, s.planner)
+
+    @property
+    def first_looks(self) -> tuple[tuple[float, float], ...]:
+        """One look ahead: from there on every look is chosen."""
+        return ((0.0, 0.0),)
+
+    async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
+        """Return the cells that the look's rays reach on the map as it is, unknown ones passed."""
+        del tilt_rad
+        solid = self._fused().log_odds > 0
+        chances = visible_cells(
+            solid, self.settings.frame, _panned(self.robot.pose, pan_rad), self.settings.sensor
+        )
+        return Expected(float(np.count_nonzero(chances)), chances.astype(np.float64))
+
+    async def fuse(self, exposure: Exposure, expected: Expected) -> None:
+        """Add one look's log-odds to the own layer."""
+        robot, frame = self.robot, self.settings.frame
+        index, submap = robot.current_submap()
+        known_before = self._fused().known
+        cells = look_odds(
+            exposure.ranges_m,
+            _panned(robot.pose, exposure.pan_rad),
+            frame,
+            self.settings.sensor,
+            extra_variance=robot.own.beyond_anchor(robot.filter.covariance),
+        )
+        submap.observe(cells)
+        measured = np.zeros(frame.shape, dtype=bool)
+        measured[cells.rows, cells.cols] = True
+        robot.looked(index, exposure, expected.cells, measured, measured & ~known_before)
+
+    def view(self) -> PlanarView:
+        """Return what the planner sees: the team map and where everybody is."""
+        robot, fused = self.robot, self._fused()
+        heard = [
+            mate.status
+            for _, mate in sorted(robot.mates.items())
+            if robot.now_s - mate.heard_s < SILENT_S
+        ]
+        x, y, z, yaw = (float(v) for v in np.diag(robot.filter.covariance))
+        return PlanarView(
+            frame=self.settings.frame,
+            log_odds=fused.log_odds,
+            mapped=fused.mapped,
+            pose=robot.pose,
+            others=tuple(status.pose for status in heard),
+            claims=tuple(status.claim for status in heard if status.claim is not None),
+            variance=(x, y, z, yaw),
+        )
+
+    async def choose(self) -> NextLook | None:
+        """Choose the next look, by the method that is set."""
+        look = await asyncio.to_thread(self.method.choose, self.view(), self.robot.rng)
+        if look is None:
+            return None
+        return NextLook(look.path_m, look.pose.yaw_rad, 0.0, look.claim)
+
+    def bumped(self) -> None:
+        """Note that something stands before the body, where the map may say that all is free."""
+        robot, frame = self.robot, self.settings.frame
+        if not robot.own.submaps:
+            return
+        pose = robot.pose
+        ahead_m = 0.5 * (self.settings.drive.footprint_m + frame.cell_m)
+        row, col = frame.cell_of(
+            pose.x_m + ahead_m * math.cos(pose.yaw_rad), pose.y_m + ahead_m * math.sin(pose.yaw_rad)
+        )
+        if not frame.holds(row, col):
+            return
+        at: tuple[Ints, Ints] = (np.array([row]), np.array([col]))
+        odds = self._fused().log_odds[row, col]
+        needed = max(TOUCHED, MAPPED - float(odds))
+        robot.own.submaps[-1].observe(LookOdds(*at, np.array([needed])))
+        touched = np.zeros(frame.shape, dtype=bool)
+        touched[row, col] = True
+        robot.tiles_changed(len(robot.own.submaps) - 1, touched)
+
+    def _fused(self) -> Occupancy:
+        return self.robot.team.fused()
+
+
+def _panned(pose: Pose, pan_rad: float) -> Pose:
+    """Return the camera's pose: its yaw is where it points."""
+    return Pose(pose.x_m, pose.y_m, pose.z_m, wrap_angle(pose.yaw_rad + pan_rad))
