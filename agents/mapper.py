@@ -6,7 +6,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from agents.geometry import Floats
+from agents.geometry import Floats, Singles
 from agents.ports import Exposure
 
 
@@ -28,7 +28,7 @@ class Expected:
     """How many cells a look was expected to measure, and which (in the mapper's own form)."""
 
     cells: float
-    chances: Floats
+    chances: Floats | Singles
     """(rows, cols) probability that the look measures a cell."""
 
 

@@ -41,6 +41,8 @@ GATE = 25.0
 """Innovations beyond this (chi-squared, 4 degrees of freedom: 5e-5) are not believed."""
 KEEP_ALIVE_S = 60.0
 """A robot of which nothing changes says so this often."""
+SILENT_S = 240.0
+"""A team-mate that was not heard for so long is taken for lost: what it claimed is free again."""
 TOLD_M = 0.3
 TOLD_RAD = 0.2
 """A robot that has moved or turned less than this need not say so."""
@@ -191,11 +193,13 @@ class Member:
 
     def regions(self, *, wished: bool) -> list[tuple[float, float, float]]:
         """Return what team-mates wait to know, or said that they will look at themselves."""
+        now_s = self._time_or_zero()
         return [
             mate.status.claim
             for index, mate in sorted(self.mates.items())
             if mate.status.claim is not None
             and (self.settings.roles[index] == "cliffbot") == wished
+            and (wished or now_s - mate.heard_s < SILENT_S)
         ]
 
     def tile_weight(self, key: TileKey) -> float:

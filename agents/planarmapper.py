@@ -16,8 +16,6 @@ from agents.ports import Exposure
 if TYPE_CHECKING:
     from agents.robot import Robot
 
-SILENT_S = 240.0
-"""What a team-mate claimed that was not heard for so long counts no more."""
 TOUCHED = 2.5
 """Log-odds that there is something where the body was stopped: p = 0.92."""
 
@@ -65,19 +63,14 @@ class PlanarMapper:
     def view(self) -> PlanarView:
         """Return what the planner sees: the team map and where everybody is."""
         robot, fused = self.robot, self._fused()
-        heard = [
-            mate.status
-            for _, mate in sorted(robot.mates.items())
-            if robot.now_s - mate.heard_s < SILENT_S
-        ]
         x, y, z, yaw = (float(v) for v in np.diag(robot.filter.covariance))
         return PlanarView(
             frame=self.settings.frame,
             log_odds=fused.log_odds,
             mapped=fused.mapped,
             pose=robot.pose,
-            others=tuple(status.pose for status in heard),
-            claims=tuple(status.claim for status in heard if status.claim is not None),
+            others=tuple(mate.status.pose for _, mate in sorted(robot.mates.items())),
+            claims=tuple(robot.regions(wished=False)),
             variance=(x, y, z, yaw),
         )
 

@@ -89,6 +89,7 @@ class Actor:
             digest=status.get("digest", ""),
             payload_bytes=status.get("payload_bytes", 0),
             distance_m=status.get("distance_m", 0.0),
+            hazards_hit=status.get("hazards", 0),
             received_bytes=status.get("received_bytes", 0),
             pose_error_rms_m=status.get("pose_error_rms_m"),
             dropped_frames=status.get("dropped", {}),

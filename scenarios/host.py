@@ -24,9 +24,9 @@ from comms.timebase import NS, sleep_until_ns, to_s
 from scenarios.dice import dice
 from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
 from scenarios.notebook import LogFile, Notebook
-from scenarios.scorers import scorer_of
 from scenarios.record import EventRow, LookRow, MapRow
 from scenarios.schema import Scenario
+from scenarios.scorers import scorer_of
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import ScaledLoop, VirtualLoop
 from sim.motion import Motions, Segment

@@ -111,9 +111,7 @@ def _floor(scenario: Scenario) -> Stage:
     """Make or read a floor, and place the team on it: the first robot's start is the team's."""
     world, first = _walls(scenario), next(iter(scenario.robots))
     footprint_m = scenario.drive.footprint_m
-    poses = place_explorers(
-        world, len(scenario.robots), footprint_m, dice(scenario, first, "team")
-    )
+    poses = place_explorers(world, len(scenario.robots), footprint_m, dice(scenario, first, "team"))
     starts = dict(zip(scenario.robots, poses, strict=True))
     for name, robot in scenario.robots.items():
         if robot.start is not None:

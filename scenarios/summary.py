@@ -53,6 +53,8 @@ class RobotFinal:
     """Planar team map (H, W) instead, row 0 south, NaN unknown; None: it has none."""
     payload_bytes: int = 0
     """Of the newest versions in its replicated store."""
+    hazards_hit: int = 0
+    """Rocks and steps that it came onto, or walls that it ran into."""
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,7 @@ def _knowledge(robot: RobotFinal) -> dict[str, Any]:
         "team_map_digest": robot.digest,
         "map_payload_bytes": robot.payload_bytes,
         "pose_error_rms_m": robot.pose_error_rms_m,
+        "hazards_hit": robot.hazards_hit,
     }
 
 

@@ -35,7 +35,7 @@ class Propagation:
         return None if ends is None else ends[0].distance_m(ends[1])
 
     def hides(self, sender: str, t_ns: int, antenna_m: float, mate_antenna_m: float) -> bool:
-        """Say whether ground (or a wall) cuts the straight line from a sender's antenna to this robot's.
+        """Say whether ground or a wall cuts the straight line between the antennas of two robots.
 
         Unknown ground, and all beyond the window, hides nothing.
         """
@@ -57,8 +57,8 @@ class Propagation:
     @cached_property
     def _scene(self) -> Scene | PlanarScene:
         """Made when it is first needed: most links have no need of it."""
-        is_floor = isinstance(self._world, PlanarWorld)
-        return PlanarScene(self._world) if is_floor else Scene(self._world)
+        world = self._world
+        return PlanarScene(world) if isinstance(world, PlanarWorld) else Scene(world)
 
     def _hidden(self, theirs: Pose, mine: Pose, antenna_m: float, mate_antenna_m: float) -> bool:
         """Ask from the same end whoever asks, so that sight is mutual to the last bit."""

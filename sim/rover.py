@@ -215,9 +215,7 @@ class RoverBody(WheeledBody):
     ) -> None:
         """Stand at a start pose, and publish that; see `WheeledBody`."""
         self.footing = Footing(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
-        super().__init__(
-            name, drive, start, publish, rng, start_ns=start_ns, tether_now=tether_now
-        )
+        super().__init__(name, drive, start, publish, rng, start_ns=start_ns, tether_now=tether_now)
 
     def _refusal(self, here: Pose, there: Pose) -> str:
         """Say why a step can't be made, or nothing. A step to easier ground always can."""

@@ -20,6 +20,4 @@ def kind_of(settings: MapSettings, payloads: object) -> MapKind[Any, Any]:
     """Return the kind of map that is set; `payloads` is how its tiles are written."""
     if settings.kind == "planar":
         return PlanarKind(cast("OccupancyPayloads", payloads))
-    return ElevationKind(
-        settings.max_error_m, settings.prior_sigma_m, cast("Payloads", payloads)
-    )
+    return ElevationKind(settings.max_error_m, settings.prior_sigma_m, cast("Payloads", payloads))

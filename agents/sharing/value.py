@@ -2,8 +2,9 @@
 
 Worth is information (bits of Eq. 3's kind, as the kind of map counts them) that listeners lack,
 over all listeners, times the weight of the place for the team's task. What is worth less than
-`MapKind.least_bits_per_byte` is not sent: the run has settled when nothing better is left. One frame serves all
-who hear it; loss of a frame costs that frame and a few bytes of a report (`agents.sharing.repair`).
+`MapKind.least_bits_per_byte` is not sent: the run has settled when nothing better is left. One
+frame serves all who hear it; loss of a frame costs that frame and a few bytes of a report
+(`agents.sharing.repair`).
 """
 
 from dataclasses import dataclass
