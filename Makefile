@@ -5,18 +5,20 @@ VENV := .venv
 BIN := $(VENV)/bin
 JOBS ?= 2
 OUT ?= runs/demo
+RUNS ?= 1000000
 ARGS ?=
 
 SETTINGS := pyproject.toml constraints.txt
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo setup test test-all lint format scenario-keys readme-picture clean
+.PHONY: help demo setup test test-all fuzz lint format scenario-keys readme-picture clean
 
 help:
 	@echo "make demo      four robots map a cliff over thin radios; ends with a picture of it"
 	@echo "make test      the tests, without the slow ones"
 	@echo "make test-all  all tests"
+	@echo "make fuzz      a million damaged and forged inputs for each decoder (RUNS=n)"
 	@echo "make lint      ruff, pyright (strict), and the import contract of the four rooms"
 	@echo "make setup     only set up $(VENV), with $(BIN)/ropeteam in it"
 	@echo "make clean     remove $(VENV) and what tools left behind; runs/ stays"
@@ -36,6 +38,9 @@ test: $(VENV)/test.stamp
 test-all: $(VENV)/test.stamp
 	@$(BIN)/python -m scenarios.preload
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
+
+fuzz: $(VENV)/fuzz.stamp
+	$(BIN)/python fuzz/run.py --runs $(RUNS) $(ARGS)
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
@@ -62,6 +67,7 @@ clean:
 $(VENV)/run.stamp: EXTRAS :=
 $(VENV)/test.stamp: EXTRAS := [test]
 $(VENV)/dev.stamp: EXTRAS := [test,dev]
+$(VENV)/fuzz.stamp: EXTRAS := [test,fuzz]
 
 # The build tool is pinned like all else, hence no build isolation.
 $(VENV)/%.stamp: $(SETTINGS)

@@ -142,6 +142,8 @@ class ToldOccupancy:
 
     log_odds: Floats
     known: Bools
+    level: int
+    """The last level that is whole."""
 
 
 class OccupancyPayloads(Protocol):
@@ -175,7 +177,7 @@ class OccupancyPyramid:
             return None
         if tile.level < 0 or tile.known.shape != shape:
             return None
-        return ToldOccupancy(tile.log_odds.astype(np.float64), tile.known)
+        return ToldOccupancy(tile.log_odds.astype(np.float64), tile.known, tile.level)
 
     def as_sent(self, log_odds: Floats, known: Bools) -> Floats:
         """See `comms.codec.log_odds_as_sent`."""
@@ -202,7 +204,8 @@ class RawOccupancy:
             return None
         cells[: len(prefix)] = np.frombuffer(prefix, np.int8)
         known = cells.reshape(shape) != UNKNOWN_BYTE
-        return ToldOccupancy(np.where(known, cells.reshape(shape) * LOG_ODDS_STEP, 0.0), known)
+        log_odds = np.where(known, cells.reshape(shape) * LOG_ODDS_STEP, 0.0)
+        return ToldOccupancy(log_odds, known, len(prefix) - 1)
 
     def as_sent(self, log_odds: Floats, known: Bools) -> Floats:
         """Return log-odds rounded towards 0."""

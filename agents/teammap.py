@@ -79,7 +79,9 @@ class TeamMap(Generic[S, E]):
         self.store = store
         self.own = own
         self.me = me
-        self._drawn: dict[AnchorKey, E] = {}
+        self._drawn: dict[AnchorKey, dict[int, E]] = {}
+        """The tiles of each submap that tell something: a grid each would let a few bytes, which
+        name many submaps, take much memory."""
         self._revisions: dict[AnchorKey, int] = {}
         self._folds: dict[
             tuple[Origin, tuple[bool, bool]], tuple[tuple[tuple[int, int], ...], E]
@@ -93,8 +95,10 @@ class TeamMap(Generic[S, E]):
     def tile_changed(self, key: TileKey) -> None:
         """Redraw a tile whose payload grew."""
         anchor_key = AnchorKey(key.robot, key.incarnation, key.submap)
-        drawing = self._drawn.setdefault(anchor_key, self.kind.blank(self.grid.frame.shape))
-        self.kind.paste(drawing, self.grid.window(key.tile), self.tile_estimate(key))
+        tile = self.tile_estimate(key)
+        if not tile.known.any() and key.tile not in self._drawn.get(anchor_key, {}):
+            return
+        self._drawn.setdefault(anchor_key, {})[key.tile] = tile
         self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
         self.own_changed()
 
@@ -165,18 +169,16 @@ class TeamMap(Generic[S, E]):
     def known_entries(self) -> int:
         """Count the known (origin, submap, cell) entries, own unpublished cells included."""
         heard = sum(
-            int(np.count_nonzero(drawing.known))
-            for key, drawing in self._drawn.items()
+            int(np.count_nonzero(tile.known))
+            for key, tiles in self._drawn.items()
+            for tile in tiles.values()
             if Origin(key.robot, key.incarnation) != self.me
         )
         return heard + self.own.known_cells()
 
     def published_mask(self, origin: Origin, submap: int) -> Bools:
         """Return the cells of a submap of which anything was published (and is here)."""
-        drawing = self._drawn.get(AnchorKey(*origin, submap))
-        if drawing is None:
-            return np.zeros(self.grid.frame.shape, dtype=bool)
-        return drawing.known
+        return self._drawing(AnchorKey(*origin, submap)).known
 
     def _fuse(self, way: tuple[bool, bool]) -> E:
         """Fuse all layers: with the own one (as sent), with the anchors' covariance."""
@@ -195,7 +197,7 @@ class TeamMap(Generic[S, E]):
             if origin == self.me or anchor is None:
                 continue  # without an anchor nobody knows where the submap lies
             mark = (self._revisions[key], anchor.version)
-            sheet = _Sheet(mark, partial(self._drawn.__getitem__, key), anchor)
+            sheet = _Sheet(mark, partial(self._drawing, key), anchor)
             origins.setdefault(origin, []).append(sheet)
         draw = self._own_as_sent if own_as_sent else self._own_drawing
         for index, submap in enumerate(self.own.submaps):
@@ -203,6 +205,13 @@ class TeamMap(Generic[S, E]):
             sheet = _Sheet(mark, partial(draw, index), submap.anchor)
             origins.setdefault(self.me, []).append(sheet)
         return origins
+
+    def _drawing(self, key: AnchorKey) -> E:
+        """Return all that was heard of a submap, before its anchor is applied."""
+        drawing = self.kind.blank(self.grid.frame.shape)
+        for number, tile in self._drawn.get(key, {}).items():
+            self.kind.paste(drawing, self.grid.window(number), tile)
+        return drawing
 
     def _own_drawing(self, index: int) -> E:
         return self.kind.drawn(self.own.submaps[index], EVERYWHERE)

@@ -162,6 +162,8 @@ def _read(fields: Fields, length: int) -> tuple[Singles, Bools, Singles | None]:
     codes = _code_sigma(fields, mask, None)
     _refuse_unless_whole(fields, length, rows, cols)
     elevation_m = np.where(known, decoded, np.float32(np.nan))
+    if not np.isfinite(elevation_m[known]).all():
+        raise CodecError("an elevation in the bytes is not finite")
     if codes is None:
         return elevation_m, known, None
     return elevation_m, known, np.where(known, sigma_of(codes), np.float32(np.nan))
@@ -197,8 +199,6 @@ def _code_raw(fields: Fields, mask: NDArray[np.uint8], values: Floats | None) ->
             words[:] = values[known].astype(np.float32).view(np.uint32)
     code_words(fields.coder, words)
     decoded[known] = words.astype(np.uint32).view(np.float32)
-    if not np.isfinite(decoded[known]).all() and values is None:
-        raise CodecError("an elevation in the bytes is not finite")
     return decoded
 
 

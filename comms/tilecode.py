@@ -130,6 +130,8 @@ def _picture(tile: Tile, bound_m: float, level: int, levels: int) -> DecodedTile
     known = tile.told.astype(np.bool_)
     painted_m = tile.scale.metres(tile.pyramid.painted())
     elevation_m = np.where(known, painted_m, np.float32(np.nan))
+    if not np.isfinite(elevation_m[known]).all():
+        raise CodecError("an elevation in the bytes is not finite")
     sigma_m = sigma_of(spread(tile.codes, SIGMA_BLOCK, *known.shape))
     sigma_m = np.where(known, sigma_m, np.float32(np.nan))
     bound_m = bound_m if known.any() else math.inf

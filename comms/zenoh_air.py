@@ -2,39 +2,86 @@
 
 The only file that knows Zenoh. Both planes go through here: `team/**` (what robots say to each
 other, every byte of it charged by a link before it comes here) and `world/**` (the simulation's
-own: grants, reports). Everything stays on loopback. What is put by one session arrives in the order
-in which it was put, so a report of a robot's arrives behind the packets that it speaks of.
+own: grants, reports). Everything stays on loopback, but for team planes between computers, which
+need certificates (`comms.zenoh_security`). What is put by one session arrives in the order in which
+it was put, so a report of a robot's arrives behind the packets that it speaks of.
 """
 
 import collections
 import contextlib
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import zenoh
 
 from comms.errors import CommsError
+from comms.zenoh_security import (
+    LOOPBACK,
+    Credentials,
+    Tree,
+    client_settings,
+    hub_settings,
+)
 
 CHANNEL_DEPTH = 1_000_000
 """Messages that may wait in a channel: more than any run sends between two wake-ups."""
 WAIT_BEFORE_CLOSE_US = 60_000_000
 """How long a put waits for a receiver that hangs before Zenoh gives the connection up."""
 
+CONNECT_MS = 5000
+"""How long a client tries to reach its hub. One that is refused is not told so: it finds nobody."""
+
 
 class TransportError(CommsError):
     """Zenoh could not be opened or reached."""
 
 
-def _config(mode: str, listen: list[str], connect: list[str], lease_ms: int) -> zenoh.Config:
+def hub_config(
+    lease_ms: int, listen: str, credentials: Credentials | None, robots: Sequence[str]
+) -> Tree:
+    """Return the whole configuration of a hub, as Zenoh's own router takes it too.
+
+    Raises:
+        SecurityError: see `comms.zenoh_security.hub_settings`.
+
+    """
+    security = hub_settings(listen, credentials, robots)
+    config = _merged(_plain("router", [listen], [], lease_ms), security)
+    config["scouting"]["delay"] = 0  # milliseconds that a router would wait for others
+    config["adminspace"] = {"enabled": True}
+    return config
+
+
+def client_config(lease_ms: int, endpoint: str, credentials: Credentials | None) -> Tree:
+    """Return the whole configuration of a client.
+
+    Raises:
+        SecurityError: see `comms.zenoh_security.client_settings`.
+
+    """
+    security = client_settings(endpoint, credentials)
+    return _merged(_plain("client", [], [endpoint], lease_ms), security)
+
+
+def _merged(below: Tree, above: Tree) -> Tree:
+    """Lay one tree of settings over another."""
+    merged = dict(below)
+    for key, value in above.items():
+        both = isinstance(value, dict) and key in below
+        merged[key] = _merged(below[key], value) if both else value
+    return merged
+
+
+def _plain(mode: str, listen: list[str], connect: list[str], lease_ms: int) -> Tree:
     block = {"congestion_control": {"block": {"wait_before_close": WAIT_BEFORE_CLOSE_US}}}
-    settings: dict[str, Any] = {
+    return {
         "mode": mode,
         "listen": {"endpoints": listen},
         "connect": {
             "endpoints": connect,
-            "timeout_ms": 5000,
+            "timeout_ms": CONNECT_MS,
             "retry": {"period_init_ms": 50, "period_max_ms": 500},
         },
         "scouting": {"multicast": {"enabled": False}},
@@ -43,10 +90,12 @@ def _config(mode: str, listen: list[str], connect: list[str], lease_ms: int) -> 
             "link": {"tx": {"lease": lease_ms, "queue": block}},
         },
     }
-    if mode == "router":
-        settings["scouting"]["delay"] = 0
-        settings["adminspace"] = {"enabled": True}
-    return zenoh.Config.from_json5(json.dumps(settings))
+
+
+def open_session(config: Tree) -> zenoh.Session:
+    """Open a session; raise ZError where Zenoh can't."""
+    zenoh.init_log_from_env_or("error")
+    return zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
 
 
 class Channel:
@@ -105,22 +154,29 @@ class Wire:
         lock = threading.Lock()
         armed = False
 
+        def wake() -> None:
+            nonlocal armed
+            with lock:
+                was_armed, armed = armed, True
+            if not was_armed:
+                # The loop may have ended already: then nobody is left to be told.
+                with contextlib.suppress(RuntimeError):
+                    call_soon(drain)
+
         def drain() -> None:
             nonlocal armed
             with lock:
                 armed = False
-            while waiting:
-                handle(*waiting.popleft())
+            try:
+                while waiting:
+                    handle(*waiting.popleft())
+            finally:
+                if waiting:  # one that `handle` could not stand holds up none of those behind it
+                    wake()
 
         def arrived(sample: Any) -> None:
-            nonlocal armed
             waiting.append((str(sample.key_expr), sample.payload.to_bytes()))
-            with lock:
-                wake, armed = not armed, True
-            if wake:
-                # The loop may have ended already: then nobody is left to be told.
-                with contextlib.suppress(RuntimeError):
-                    call_soon(drain)
+            wake()
 
         self._kept.append(self._session.declare_subscriber(key_expr, arrived))
 
@@ -131,34 +187,55 @@ class Wire:
         self._session.close()
 
 
-def open_hub(lease_ms: int = 600_000) -> Wire:
-    """Open the router, on a free port of the loopback interface.
+def open_hub(
+    lease_ms: int = 600_000,
+    *,
+    listen: str = LOOPBACK,
+    credentials: Credentials | None = None,
+    robots: Sequence[str] = (),
+) -> Wire:
+    """Open the router: on a free port of the loopback interface, if nothing else is said.
+
+    Args:
+        lease_ms: after so long a silence a client counts as gone.
+        listen: where to listen; port 0 is any free one.
+        credentials: the hub's own. With them clients need certificates of the same authority, and
+            may do only what `comms.zenoh_security.access_control` allows to `robots`.
+        robots: who may speak; of no meaning without credentials.
 
     Raises:
-        TransportError: no port could be opened.
+        SecurityError: the credentials can't be used, or `listen` may not be used without.
+        TransportError: the port could not be opened.
 
     """
-    zenoh.init_log_from_env_or("error")
+    config = hub_config(lease_ms, listen, credentials, robots)
     try:
-        session = zenoh.open(_config("router", ["tcp/127.0.0.1:0"], [], lease_ms))
+        session = open_session(config)
+    except zenoh.ZError as error:
+        raise TransportError(f"Zenoh could not listen on {listen}: {error}") from error
+    try:
         zid = session.info.zid()
         replies = [r.ok for r in session.get(f"@/{zid}/router") if r.ok is not None]
         endpoint = json.loads(replies[0].payload.to_string())["locators"][0]
     except (zenoh.ZError, IndexError, KeyError, ValueError) as error:
-        raise TransportError(f"Zenoh could not listen on 127.0.0.1: {error}") from error
+        session.close()
+        raise TransportError(f"Zenoh does not say where it listens ({listen}): {error}") from error
     return Wire(session, str(endpoint))
 
 
-def open_client(endpoint: str, lease_ms: int = 600_000) -> Wire:
+def open_client(
+    endpoint: str, lease_ms: int = 600_000, *, credentials: Credentials | None = None
+) -> Wire:
     """Connect to a hub.
 
     Raises:
-        TransportError: nobody answers there.
+        SecurityError: the credentials can't be used, or `endpoint` may not be used without.
+        TransportError: nobody answers there, or not to these credentials.
 
     """
-    zenoh.init_log_from_env_or("error")
+    config = client_config(lease_ms, endpoint, credentials)
     try:
-        session = zenoh.open(_config("client", [], [endpoint], lease_ms))
+        session = open_session(config)
     except zenoh.ZError as error:
         raise TransportError(f"Zenoh: no hub answers at {endpoint}: {error}") from error
     return Wire(session, endpoint)

@@ -20,7 +20,7 @@ from agents.ports import Exposure
 from agents.robot import Robot
 from agents.roles import ROLES
 from comms.air import Packet
-from comms.timebase import NS, sleep_until_ns, to_s
+from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.dice import dice
 from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
 from scenarios.notebook import LogFile, Notebook
@@ -32,8 +32,6 @@ from sim.clock import ScaledLoop, VirtualLoop
 from sim.motion import Motions, Segment
 from sim.rig import Rig, make_rig
 
-SAMPLE_S = 5
-"""Maps are weighed so often."""
 START_SIGMA_M = 0.02
 START_SIGMA_RAD = 0.004
 """What the team's first localisation leaves unsure of everybody but the origin."""
@@ -204,7 +202,8 @@ class Host:
         """Weigh the map every few seconds of simulated time, at whole multiples."""
         while True:
             self.weigh(self.now_ns())
-            due_ns = (self.now_ns() // (SAMPLE_S * NS) + 1) * SAMPLE_S * NS
+            every_ns = from_s(self.scenario.sample_s)
+            due_ns = (self.now_ns() // every_ns + 1) * every_ns
             await sleep_until_ns(due_ns)
 
     def true_pose(self, t_ns: int) -> Pose:

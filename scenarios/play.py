@@ -16,7 +16,6 @@ from comms.timebase import from_s, to_s
 from scenarios.crew import Crew, Obituary
 from scenarios.ending import Actor
 from scenarios.events import Event
-from scenarios.host import SAMPLE_S
 from scenarios.live import LiveView, Snapshot
 from scenarios.record import EventRow, Records, from_wire
 from scenarios.stage import Stage
@@ -26,6 +25,9 @@ from sim.motion import Motions, Segment
 
 KEPT_SEGMENTS = 64
 """Motion of each robot that a latecomer is told."""
+
+CHECK_S = 5.0
+"""How often it is looked at whether the mission is over."""
 
 
 @dataclass(order=True)
@@ -107,7 +109,7 @@ class Play(ABC):
         for index, event in enumerate(self.scenario.timeline()):
             holds = event.kind not in ("kill", "stop")
             self.at(from_s(event.at_s), self._happening(index, event), holds_end=holds)
-        self.at(from_s(SAMPLE_S / 2), self._check)
+        self.at(from_s(CHECK_S / 2), self._check)
         return [name for name in self.roster if self.actors[name].state != "waiting"]
 
     def keep_appointments(self) -> None:
@@ -279,7 +281,7 @@ class Play(ABC):
         if not self._held() and self._settled():
             self.ending = "settled"
         else:
-            self.at(self.now_ns + from_s(SAMPLE_S), self._check)
+            self.at(self.now_ns + from_s(CHECK_S), self._check)
 
     def _settled(self) -> bool:
         """Say whether all are done, and those who hear each other have the same maps."""

@@ -16,7 +16,7 @@ from multiprocessing import connection, forkserver, get_context
 from multiprocessing.context import ForkServerProcess
 from typing import Any, cast
 
-from comms.air import Packet
+from comms.air import Packet, PacketError
 from comms.zenoh_air import Channel, Wire, open_client, open_hub
 from scenarios.crew import Cost, Inbox, Obituary, cpu_s
 from scenarios.host import Host
@@ -88,9 +88,22 @@ def sender_of(key: str) -> str:
     return f"{name}#{life}"
 
 
+def carried(key: str, data: bytes) -> tuple[str, Packet | None]:
+    """Return who put a packet on the air, by its key, and the packet, if it is one of that robot's.
+
+    The hub lets each robot put under its own name only: a packet that names another is a lie.
+    """
+    sender = sender_of(key)
+    try:
+        packet = Packet.from_wire(data)
+    except PacketError:
+        return sender, None
+    return sender, packet if packet.sender == sender.partition("#")[0] else None
+
+
 def _serve(plan: Plan, wire: Wire) -> None:
     if plan.scenario.clock.mode == "real":
-        _last_words(wire, serve_real(plan, wire, OnZenoh(wire, plan.name), sender_of))
+        _last_words(wire, serve_real(plan, wire, OnZenoh(wire, plan.name), carried))
         return
     grants = wire.channel(f"world/grant/{plan.name}")
     air = wire.channel("team/**")
@@ -132,9 +145,9 @@ def _listen(air: Channel, inbox: Inbox, own: str, counts: dict[str, int]) -> Non
             if inbox.has(counts):
                 return
             message = air.wait()
-        sender = sender_of(message[0])
-        if sender != own:
-            inbox.add(sender, Packet.from_wire(message[1]))
+        sender, packet = carried(*message)
+        if sender != own and packet is not None:
+            inbox.add(sender, packet)
 
 
 def peak_bytes() -> int:

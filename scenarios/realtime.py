@@ -47,7 +47,10 @@ class LivingOutbox(Outbox, Protocol):
 
 
 def serve_real(
-    plan: Plan, wire: Wire, outbox: LivingOutbox, sender_of: Callable[[str], str]
+    plan: Plan,
+    wire: Wire,
+    outbox: LivingOutbox,
+    carried: Callable[[str, bytes], tuple[str, Packet | None]],
 ) -> Report:
     """Be one robot on the wall clock; return its last report."""
     speed = plan.scenario.clock.speed
@@ -63,8 +66,9 @@ def serve_real(
     done: asyncio.Future[None] = loop.create_future()
 
     def heard(key: str, data: bytes) -> None:
-        if sender_of(key) != own:
-            host.air.deliver(loop, Packet.from_wire(data), plan.start_ns)
+        sender, packet = carried(key, data)
+        if sender != own and packet is not None:
+            host.air.deliver(loop, packet, plan.start_ns)
 
     def told(key: str, data: bytes) -> None:
         del key

@@ -74,6 +74,8 @@ class Scenario(Settings):
     """Of all randomness."""
     limit_s: Annotated[float, Field(gt=0, le=2_592_000)]
     """Simulated time at which the run ends at the latest."""
+    sample_s: Annotated[float, Field(ge=0.1, le=60)] = 5.0
+    """How often each robot's map is weighed for the record, in simulated seconds."""
     air: Literal["zenoh", "memory"] = "zenoh"
     """Zenoh: one process per robot; memory: all in one process."""
     method: str = "information-interest"

@@ -536,3 +536,18 @@ def test_plain_ways_tell_a_newcomer_everything_once_more(policy: str) -> None:
     gossip.minds[2] = Mind(2, 3, **options)
     gossip.run(500.0)
     assert has_all_of(gossip.minds[2], gossip.minds[0])
+
+
+def test_who_relays_a_map_knows_its_levels_and_tells_coarse_things_first() -> None:
+    rng = np.random.default_rng(16)
+    frame_cells = layer(rng, looks=30)
+    origin, relay = Mind(0, 3, frame_cells), Mind(1, 3)
+    gossip = Gossip({0: origin, 1: relay})
+    gossip.run_until_equal()
+    gossip = Gossip({1: relay, 2: Mind(2, 3)}, payload_bytes=52)
+    gossip.run_until_equal()
+    told = [(chunk.key, chunk.version) for chunk in gossip.chunks(sender=1)]
+    levels = {len(relay.sharing._steps[key].ends) for key in told}
+    assert max(levels) > 1, "the payloads of this test have levels"
+    for key in told:
+        assert relay.sharing._steps[key].ends == origin.sharing._steps[key].ends

@@ -199,6 +199,11 @@ class ElevationKind:
         tile = self.payloads.decode(prefix, shape)
         return None if tile is None or tile.level < 0 else _estimate_of(tile)
 
+    def level(self, prefix: bytes, shape: tuple[int, int]) -> int:
+        """Return the last whole level."""
+        tile = self.payloads.decode(prefix, shape)
+        return -1 if tile is None else tile.level
+
     def paste(self, drawing: Estimate, window: Window, tile: Estimate) -> None:
         """Replace a window of a drawing by a tile."""
         drawing.elevation_m[window] = tile.elevation_m

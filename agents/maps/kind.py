@@ -63,6 +63,10 @@ class MapKind(Protocol[S, E]):
         """Return what a prefix of a payload tells of a tile; None where that is nothing."""
         ...
 
+    def level(self, prefix: bytes, shape: tuple[int, int]) -> int:
+        """Return the last level of a payload that a prefix holds whole; -1 where that is none."""
+        ...
+
     def paste(self, drawing: E, window: Window, tile: E) -> None:
         """Replace a window of a drawing by a tile."""
         ...

@@ -169,6 +169,11 @@ class PlanarKind:
         told = self.payloads.decode(prefix, shape)
         return None if told is None else Occupancy(told.log_odds, told.known.astype(np.uint16))
 
+    def level(self, prefix: bytes, shape: tuple[int, int]) -> int:
+        """Return the last whole level."""
+        told = self.payloads.decode(prefix, shape)
+        return -1 if told is None else told.level
+
     def paste(self, drawing: Occupancy, window: Window, tile: Occupancy) -> None:
         """Replace a window of a drawing by a tile."""
         drawing.log_odds[window] = tile.log_odds

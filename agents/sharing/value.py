@@ -7,6 +7,7 @@ frame serves all who hear it; loss of a frame costs that frame and a few bytes o
 (`agents.sharing.repair`).
 """
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 from agents.messages import CHUNK_HEADER_BYTES, pack_anchor, pack_chunks
@@ -19,6 +20,8 @@ from comms.frames import Kind
 
 SMALLEST_CHUNK_BYTES = 16
 """No chunk of another tile is begun in less room than this at the end of a frame."""
+FRESH = -1
+"""Stands for the version that is to be published next; those heard are numbered from 0."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,7 @@ class Steps:
 class Offer:
     """The best next stretch of one version of a tile: its worth per byte, and where it starts.
 
-    Version 0 is one that was not published yet.
+    `FRESH` is one that was not published yet.
     """
 
     density: float
@@ -104,7 +107,9 @@ class Value(Policy):
 
     def heard_report(self, heard: Heard, report: Report) -> None:
         """Believe what a team-mate says, but for what was sent only just now."""
-        self._stale.update(self.repair.heard_report(heard.sender.robot, report, heard.now_s))
+        changed = self.repair.heard_report(heard.sender.robot, report, heard.now_s)
+        # Of what is not here nothing can be sent, and hostile reports tell of much that is nowhere.
+        self._stale.update(key for key in changed if self.store.versions(key))
 
     def heard_mark(self, heard: Heard, mark: Mark) -> None:
         """Compare a team-mate's store with this robot's."""
@@ -149,7 +154,7 @@ class Value(Policy):
             key = self._best()
             if key is None:
                 break
-            if self._offers[key].version == 0:
+            if self._offers[key].version == FRESH:
                 self._publish(key)
                 continue
             chunk = self._chunk(key, room - CHUNK_HEADER_BYTES)
@@ -236,7 +241,7 @@ class Value(Policy):
         size = before.size_bytes if before else guessed_bytes
         listeners = len(self.repair.listeners)
         density = self.weight(key) * gain * listeners / (size + CHUNK_HEADER_BYTES)
-        return Offer(density, 0)
+        return Offer(density, FRESH)
 
     def _own_offer(self, key: TileKey) -> tuple[float, int]:
         """Return what an own tile would be worth once sent, and about how many bytes."""
@@ -253,15 +258,27 @@ class Value(Policy):
         self._stale.add(key)
 
     def _steps_of(self, key: TileKey, version: Version) -> Steps:
-        """Return what a version is worth level by level; of one that was heard, all at once.
-
-        Where its levels end only its origin knows; who relays it sends all that it has.
-        """
+        """Return what a version is worth level by level."""
         known = self._steps.get((key, version.number))
         if known is None or known.known_bytes < version.prefix_bytes:
-            known = self._worth(key, version.prefix, (version.prefix_bytes,))
+            known = self._worth(key, version.prefix, self._level_ends(key, version.prefix))
             self._steps[key, version.number] = known
         return known
+
+    def _level_ends(self, key: TileKey, data: bytes) -> tuple[int, ...]:
+        """Return where the levels of a payload end that another robot wrote, by trying prefixes."""
+        team = self.desk.team
+        shape = team.grid.shape(key.tile)
+
+        def level_at(end: int) -> int:
+            return team.kind.level(data[:end], shape)
+
+        ends: list[int] = []
+        last = level_at(len(data))
+        for level in range(last):
+            low = ends[-1] if ends else 0
+            ends.append(bisect_left(range(len(data)), level, lo=low, key=level_at))
+        return (*ends, len(data))
 
     def _worth(self, key: TileKey, data: bytes, ends: tuple[int, ...]) -> Steps:
         """Decode a payload level by level and count the information of each."""

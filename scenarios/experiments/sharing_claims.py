@@ -19,7 +19,7 @@ def conclude(rows: Sequence[Row]) -> Findings:
     if caught := chosen(runs, part="catch-up"):
         tables.append(_catch_up_table(caught))
         claims += _catch_up_claims(caught)
-    if lagged := chosen(runs, part="lag"):
+    if lagged := lag_rows(runs):
         tables.append(_lag_table(lagged))
         claims += _lag_claims(lagged)
     if flown := chosen(runs, part="mission"):
@@ -27,6 +27,13 @@ def conclude(rows: Sequence[Row]) -> Findings:
         tables.append(_mission_table(flown, series))
         claims += _mission_claims(flown, series)
     return Findings(tables, claims)
+
+
+def lag_rows(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows of the lag at 2400 bps: those of the mission are part of it."""
+    lagged = chosen(rows, part="lag")
+    mission = chosen(rows, part="mission", rate_bps=2400.0) if lagged else []
+    return [*mission, *lagged]
 
 
 def chosen(rows: Sequence[Row], **wanted: str | float) -> list[Row]:

@@ -9,6 +9,7 @@ from scenarios.experiments.figure import COLOURS
 from scenarios.experiments.sharing_claims import (
     chosen,
     distinct,
+    lag_rows,
     mean_coverage,
     rate_name,
     rates,
@@ -30,7 +31,7 @@ def draw(figure: "Figure", rows: Sequence[Row]) -> None:
     )
     caught, lagged, mapped = figure.subplots(1, 3)
     _draw_catch_up(caught, chosen(rows, part="catch-up", row="run"))
-    _draw_lag(lagged, chosen(rows, part="lag", row="series"))
+    _draw_lag(lagged, lag_rows(chosen(rows, row="series")))
     _draw_coverage(mapped, chosen(rows, part="mission", row="series"))
 
 
