@@ -43,6 +43,9 @@ class ElevationMapper:
         )
         return Expected(float(np.sum(chances)), chances)
 
+    async def localise(self, exposure: Exposure) -> None:
+        """Do nothing: there is no matching of ground yet."""
+
     async def fuse(self, exposure: Exposure, expected: Expected) -> None:
         """Fuse one look into the own layer (Eqs. 19-21), and lose interest in what failed."""
         robot = self.robot

@@ -44,6 +44,10 @@ class Mapper(Protocol):
         """Return what a look from here is expected to measure."""
         ...
 
+    async def localise(self, exposure: Exposure) -> None:
+        """Correct the pose by what a look shows of the map that is there."""
+        ...
+
     async def fuse(self, exposure: Exposure, expected: Expected) -> None:
         """Take one look into the own layer, and log it."""
         ...

@@ -6,10 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.floormatch import match
+from agents.floorways import way_to
 from agents.geometry import Ints, Pose, wrap_angle
 from agents.mapper import Expected, NextLook
 from agents.maps.planar import MAPPED, Occupancy
 from agents.maps.planarlook import LookOdds, look_odds, visible_cells
+from agents.member import GATE
 from agents.planar import PlanarView, method
 from agents.ports import Exposure
 
@@ -42,6 +45,31 @@ class PlanarMapper:
             solid, self.settings.frame, _panned(self.robot.pose, pan_rad), self.settings.sensor
         )
         return Expected(float(np.count_nonzero(chances)), chances.astype(np.float64))
+
+    async def localise(self, exposure: Exposure) -> None:
+        """Hold the look against the map, and correct the pose by it.
+
+        The map lies no better than its anchors: their covariance is added.
+        """
+        robot = self.robot
+        if not robot.own.submaps:
+            return
+        camera = _panned(robot.pose, exposure.pan_rad)
+        found = await asyncio.to_thread(
+            match,
+            self._fused().log_odds,
+            self.settings.frame,
+            camera,
+            robot.filter.covariance,
+            exposure.ranges_m,
+            self.settings.sensor,
+        )
+        if found is None:
+            return
+        yaw_rad = wrap_angle(found.pose.yaw_rad - exposure.pan_rad)
+        stood = Pose(found.pose.x_m, found.pose.y_m, found.pose.z_m, yaw_rad)
+        anchor = np.diag(robot.own.submaps[-1].anchor.variance)
+        robot.filter.fix(stood, found.covariance + anchor, gate=GATE)
 
     async def fuse(self, exposure: Exposure, expected: Expected) -> None:
         """Add one look's log-odds to the own layer."""
@@ -79,7 +107,16 @@ class PlanarMapper:
         look = await asyncio.to_thread(self.method.choose, self.view(), self.robot.rng)
         if look is None:
             return None
-        return NextLook(look.path_m, look.pose.yaw_rad, 0.0, look.claim)
+        fused, goal_m = self._fused(), (look.pose.x_m, look.pose.y_m)
+        way_m = way_to(
+            fused.mapped & (fused.log_odds < 0),
+            self.settings.frame,
+            self.robot.pose,
+            goal_m,
+            self.settings.drive.footprint_m,
+        )
+        path_m = look.path_m if way_m is None or len(look.path_m) < 2 else way_m
+        return NextLook(path_m, look.pose.yaw_rad, 0.0, look.claim)
 
     def bumped(self) -> None:
         """Note that something stands before the body, where the map may say that all is free."""

@@ -60,6 +60,7 @@ class Robot(Member):
         exposure = await camera.look(pan_rad, tilt_rad)
         expected = await self.mapper.expect(pan_rad, tilt_rad)
         self.localise(exposure)
+        await self.mapper.localise(exposure)
         await self.mapper.fuse(exposure, expected)
         self.looks += 1
         await self.save()

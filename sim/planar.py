@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from agents.floorways import gap_m
 from agents.geometry import Bools, Floats, Pose, wrap_angle
 from agents.planar.rays import crossings, most_crossed
 from agents.ports import Exposure
@@ -57,33 +58,6 @@ class PlanarCamera:
         return Exposure(to_s(now_ns()), pan_rad, tilt_rad, *nothing, ranges_m=ranges_m)
 
 
-@kernel
-def _gap(solid: np.ndarray, x: float, y: float, reach: float) -> float:
-    """Return the distance from a point to the nearest solid cell, at most `reach`; in cells.
-
-    What lies beyond the grid is solid.
-    """
-    rows, cols = solid.shape
-    best = reach
-    n = int(reach) + 1
-    row, col = math.floor(y), math.floor(x)
-    for i in range(row - n, row + n + 1):
-        for j in range(col - n, col + n + 1):
-            if 0 <= i < rows and 0 <= j < cols and not solid[i, j]:
-                continue
-            dx = max(j - x, 0.0, x - (j + 1.0))
-            dy = max(i - y, 0.0, y - (i + 1.0))
-            best = min(best, math.sqrt(dx * dx + dy * dy))
-    return best
-
-
-def gap_m(world: PlanarWorld, x_m: float, y_m: float, reach_m: float) -> float:
-    """Return how far a point is from the nearest solid cell, in metres, at most `reach_m`."""
-    frame = world.frame
-    x, y = (x_m - frame.x_m) / frame.cell_m, (y_m - frame.y_m) / frame.cell_m
-    return _gap(world.solid, x, y, reach_m / frame.cell_m) * frame.cell_m
-
-
 class PlanarBody(WheeledBody):
     """A rover on a level floor: stopped by what is solid, which counts as a hazard hit."""
 
@@ -111,11 +85,14 @@ class PlanarBody(WheeledBody):
 
     def _refusal(self, here: Pose, there: Pose) -> str:
         """Say whether the robot's circle would run into something; away from it, it always may."""
-        gap = gap_m(self._world, there.x_m, there.y_m, self._radius_m)
+        gap = self._gap_m(there)
         near = gap < self._radius_m
-        if near and gap <= gap_m(self._world, here.x_m, here.y_m, self._radius_m):
+        if near and gap <= self._gap_m(here):
             return BUMP
         return ""
+
+    def _gap_m(self, pose: Pose) -> float:
+        return gap_m(self._world.solid, self._world.frame, pose.x_m, pose.y_m, self._radius_m)
 
     def _grounded(self, pose: Pose) -> Pose:
         """Return the pose: the floor is level."""
@@ -191,11 +168,10 @@ def place_explorers(
 
 def stands_free(world: PlanarWorld, x_m: float, y_m: float, footprint_m: float) -> bool:
     """Say whether a robot's circle at a point touches nothing solid."""
-    return gap_m(world, x_m, y_m, footprint_m) >= footprint_m / 2
+    return gap_m(world.solid, world.frame, x_m, y_m, footprint_m) >= footprint_m / 2
 
 
 @kernels.warmer
 def _warm() -> None:
     solid: Bools = np.zeros((4, 4), dtype=np.bool_)
-    _gap(solid, 1.5, 1.5, 1.0)
     _is_clear(solid, 0.5, 0.5, 0.5, 2.0, np.empty((8, 2), dtype=np.int64))

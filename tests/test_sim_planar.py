@@ -12,6 +12,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from sim_helpers import run
 
+from agents.floorways import gap_m
 from agents.geometry import GridFrame, Pose
 from agents.planar.rays import fan_rad
 from agents.settings import DriveSettings, SensorSettings
@@ -23,7 +24,6 @@ from sim.planar import (
     PlanarBody,
     PlanarCamera,
     PlanarScene,
-    gap_m,
     place_explorers,
     stands_free,
 )
@@ -145,7 +145,7 @@ def test_the_gap_to_what_is_solid_is_that_to_the_nearest_square(
         dx = max(west - x_m, 0.0, x_m - west - 0.4)
         dy = max(south - y_m, 0.0, y_m - south - 0.4)
         best = min(best, math.hypot(dx, dy))
-    assert gap_m(HOUSE, x_m, y_m, reach_m) == pytest.approx(best, abs=1e-9)
+    assert gap_m(HOUSE.solid, HOUSE.frame, x_m, y_m, reach_m) == pytest.approx(best, abs=1e-9)
 
 
 @given(st.floats(0.1, 3.9), st.floats(0.1, 3.1), st.floats(0.1, 3.9), st.floats(0.1, 3.1))
@@ -163,7 +163,7 @@ def test_sight_is_clear_where_no_point_of_the_line_is_solid(
         assert not scene.clear(a, b)
     elif scene.clear(a, b) is False:  # a corner may be cut between two of the points
         fine = a + np.linspace(0, 1, 40_001)[:, None] * (b - a)
-        near = [gap_m(HOUSE, float(x), float(y), 0.01) for x, y, _ in fine[::10]]
+        near = [gap_m(HOUSE.solid, HOUSE.frame, float(x), float(y), 0.01) for x, y, _ in fine[::10]]
         assert min(near) < 2e-3
 
 
