@@ -101,5 +101,6 @@ class ElevationMapper:
         )
         return NextLook(plan.path_m, heading_rad, plan.tilt_rad, claim)
 
-    def bumped(self) -> None:
-        """Do nothing: rocks and steps are seen, not felt."""
+    def halted(self) -> float | None:
+        """Look as planned: rocks and steps are seen, not felt."""
+        return None

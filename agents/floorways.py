@@ -18,6 +18,8 @@ MARGIN_M = 0.03
 better."""
 ASIDE = 1.0
 """By how much a metre costs more on a cell beside one that is not free."""
+BARRED = 12.0
+"""By how much it costs more where the robot was stopped before."""
 STEP = 0.125
 """A leg is held against the map this often, in cells."""
 
@@ -80,11 +82,17 @@ def _corners(solid: np.ndarray, points: np.ndarray, radius: float) -> np.ndarray
 
 
 def way_to(
-    free: Bools, frame: GridFrame, pose: Pose, goal_m: tuple[float, float], footprint_m: float
+    free: Bools,
+    frame: GridFrame,
+    pose: Pose,
+    goal_m: tuple[float, float],
+    footprint_m: float,
+    barred: Bools,
 ) -> Floats | None:
     """Return the corners (N, 2) of a way from a pose to a point, or None where none is known.
 
-    `free` (rows, cols) are the cells known to be free; what the robot stands on is so, too.
+    `free` (rows, cols) are the cells known to be free; what the robot stands on is so, too. Where
+    it is `barred` (rows, cols) the robot was stopped before: it goes there where nothing else is.
     """
     cell_m, radius_m = frame.cell_m, 0.5 * footprint_m
     start, goal = frame.cell_of(pose.x_m, pose.y_m), frame.cell_of(*goal_m)
@@ -97,6 +105,7 @@ def way_to(
     )
     solid[away_m <= radius_m + 0.5 * cell_m] = False
     cost = _cost(solid, radius_m / cell_m)
+    cost[barred] += BARRED
     cost[start] = 1.0
     distance_m, parent = travel_field(cost, np.array([start]), cell_m)
     if not math.isfinite(distance_m[goal]):
@@ -104,8 +113,8 @@ def way_to(
     cells = path_to(parent, goal)
     # In cells, a cell's centre at a half; its own centre first, in case it stands in a corner.
     here = np.array([[(pose.x_m - frame.x_m) / cell_m, (pose.y_m - frame.y_m) / cell_m]])
-    points = np.concatenate((here, cells[:, ::-1] + 0.5))
-    kept: Floats = points[_corners(solid, points, (radius_m + MARGIN_M) / cell_m)]
+    points: Floats = np.concatenate((here, cells[:, ::-1] + 0.5)).astype(np.float64)
+    kept = points[_corners(solid, points, (radius_m + MARGIN_M) / cell_m)]
     return np.column_stack((frame.x_m + kept[:, 0] * cell_m, frame.y_m + kept[:, 1] * cell_m))
 
 
@@ -133,5 +142,5 @@ def _cost(solid: Bools, radius: float) -> Floats:
 def _warm() -> None:
     free = np.ones((6, 6), dtype=np.bool_)
     frame = GridFrame(0.0, 0.0, 1.0, 6, 6)
-    way_to(free, frame, Pose(1.2, 1.2, 0.0, 0.0), (4.5, 4.5), 0.5)
+    way_to(free, frame, Pose(1.2, 1.2, 0.0, 0.0), (4.5, 4.5), 0.5, ~free)
     gap_m(free, frame, 2.0, 2.0, 1.0)

@@ -56,6 +56,6 @@ class Mapper(Protocol):
         """Return the next look, or None when no look is worth taking."""
         ...
 
-    def bumped(self) -> None:
-        """Note that the body ran into something and halted."""
+    def halted(self) -> float | None:
+        """Note that the body halted; return the pan to look at there, None as was planned."""
         ...

@@ -8,19 +8,16 @@ import numpy as np
 
 from agents.floormatch import match
 from agents.floorways import way_to
-from agents.geometry import Ints, Pose, wrap_angle
+from agents.geometry import Bools, Pose, wrap_angle
 from agents.mapper import Expected, NextLook
-from agents.maps.planar import MAPPED, Occupancy
-from agents.maps.planarlook import LookOdds, look_odds, visible_cells
+from agents.maps.planar import Occupancy
+from agents.maps.planarlook import look_odds, visible_cells
 from agents.member import GATE
 from agents.planar import PlanarView, method
 from agents.ports import Exposure
 
 if TYPE_CHECKING:
     from agents.robot import Robot
-
-TOUCHED = 2.5
-"""Log-odds that there is something where the body was stopped: p = 0.92."""
 
 
 class PlanarMapper:
@@ -31,6 +28,8 @@ class PlanarMapper:
         self.robot = robot
         self.settings = s = robot.settings
         self.method = method(s.method, s.sensor, s.drive, s.planner)
+        self._barred: Bools = np.zeros(s.frame.shape, dtype=bool)
+        """Where it was stopped, though the map said that all is free."""
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
@@ -114,29 +113,21 @@ class PlanarMapper:
             self.robot.pose,
             goal_m,
             self.settings.drive.footprint_m,
+            self._barred,
         )
         path_m = look.path_m if way_m is None or len(look.path_m) < 2 else way_m
         return NextLook(path_m, look.pose.yaw_rad, 0.0, look.claim)
 
-    def bumped(self) -> None:
-        """Note that something stands before the body, where the map may say that all is free."""
-        robot, frame = self.robot, self.settings.frame
-        if not robot.own.submaps:
-            return
-        pose = robot.pose
+    def halted(self) -> float | None:
+        """Look at what stands ahead; ways round the place where it was stopped come first."""
+        frame, pose = self.settings.frame, self.robot.pose
         ahead_m = 0.5 * (self.settings.drive.footprint_m + frame.cell_m)
-        row, col = frame.cell_of(
+        cell = frame.cell_of(
             pose.x_m + ahead_m * math.cos(pose.yaw_rad), pose.y_m + ahead_m * math.sin(pose.yaw_rad)
         )
-        if not frame.holds(row, col):
-            return
-        at: tuple[Ints, Ints] = (np.array([row]), np.array([col]))
-        odds = self._fused().log_odds[row, col]
-        needed = max(TOUCHED, MAPPED - float(odds))
-        robot.own.submaps[-1].observe(LookOdds(*at, np.array([needed])))
-        touched = np.zeros(frame.shape, dtype=bool)
-        touched[row, col] = True
-        robot.tiles_changed(len(robot.own.submaps) - 1, touched)
+        if frame.holds(*cell):
+            self._barred[cell] = True
+        return 0.0
 
     def _fused(self) -> Occupancy:
         return self.robot.team.fused()

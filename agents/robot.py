@@ -192,5 +192,4 @@ class Robot(Member):
         del self.trail[:-TRAIL_POINTS]
         if odometry.halted:
             self.log.event("halted", odometry.halted)
-            self.mapper.bumped()
         return not odometry.halted

@@ -45,10 +45,12 @@ async def explore(robot: Robot) -> None:
         await robot.look(wrap_angle(pan_rad), tilt_rad)
     most = robot.settings.planner.max_looks
     while robot.looks < most and (plan := await next_look(robot)) is not None:
-        await robot.travel(plan.path_m)
+        arrived = await robot.travel(plan.path_m)
         if robot.is_lost:
             await take_bearing(robot)
-        await robot.look(wrap_angle(plan.heading_rad - robot.pose.yaw_rad), plan.tilt_rad)
+        ahead_rad = None if arrived else robot.mapper.halted()
+        pan_rad = wrap_angle(plan.heading_rad - robot.pose.yaw_rad)
+        await robot.look(pan_rad if ahead_rad is None else ahead_rad, plan.tilt_rad)
     why = "no other look is worth its way" if robot.looks < most else "it may take no more"
     robot.log.event("explored", f"after {robot.looks} looks {why}")
     await watch(robot)
@@ -60,16 +62,14 @@ async def next_look(robot: Robot) -> NextLook | None:
     What a team-mate said that it will look at is not worth a look. So as long as others explore,
     it asks again: they show it new ways, or fall silent, and what they claimed is free again.
     """
-    while (plan := await robot.choose_look()) is None:
-        asked_s = robot.now_s
-        before = others_exploring(robot)
-        if not before:
-            break
+    while (plan := await robot.choose_look()) is None and others_exploring(robot):
         robot.set_activity("waiting")
+        asked_s, before = robot.now_s, others_exploring(robot)
         while others_exploring(robot) == before:
             if robot.now_s - asked_s > ASK_AGAIN_S and robot.map_changed_s > asked_s:
                 break
             await asyncio.sleep(PATIENCE_S)
+    if plan is not None:
         robot.set_activity("exploring")
     return plan
 
