@@ -17,17 +17,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from comms import maskcode, priors, residuals, sigmacode
+from comms import changecode, maskcode, priors, residuals, sigmachange, sigmacode
 from comms.blocks import block_max
+from comms.codec import decode_tile, encode_tile
 from comms.logistic import Opinions
 from comms.maskcode import KINDS, LEARNED_SLOTS, code_mask, mask_opinions
 from comms.predict import TAP_SETS, TAPS
 from comms.rangecoder import encoder
 from comms.scales import bound_for
-from comms.tilecode import rehearse
+from comms.tilebase import encode_on
+from comms.tilecode import rehearse, split_blocks
 from comms.tilecode import write as write_tile
 from comms.tilelevels import SIGMA_BLOCK, Head, Truth
 from comms.tileplan import plan_levels
+from comms.tiletypes import DecodedTile
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -36,6 +39,7 @@ Rng = np.random.Generator
 SIDE = 128
 CELL_M = 0.1
 GROUNDS = 36
+SUCCESSIONS = 30
 PASSES = 2
 BOUNDS_M = (0.01, 0.02, 0.03, 0.05, 0.05, 0.1, 0.1, 0.25)
 CROPS = {32: 8, 64: 5, 128: 2}
@@ -49,6 +53,19 @@ class Job:
     bound_m: float
     levels: int
     profile: int
+    base: DecodedTile | None = None
+    """The version before, for one that must not tell any cell less surely."""
+
+
+@dataclass(frozen=True)
+class Next:
+    """A version that is built on the one before."""
+
+    base: DecodedTile
+    elevation_m: Floats
+    known: Bools
+    sigma_m: Floats
+    bound_m: float
 
 
 def fractal(rng: Rng) -> Floats:
@@ -117,8 +134,8 @@ def ground(rng: Rng) -> Floats:
     return z
 
 
-def seen(z: Floats, rng: Rng) -> Bools:
-    """Cells in line of sight within one wedge from a random place."""
+def seen(z: Floats, rng: Rng) -> tuple[Bools, Floats]:
+    """Cells in line of sight within one wedge from a random place, and their ranges in metres."""
     row, col = rng.uniform(0.03, 0.97, 2) * SIDE
     camera_m = z[int(row), int(col)] + rng.uniform(0.8, 1.6)
     half = math.radians(rng.choice([30, 45]))
@@ -131,17 +148,18 @@ def seen(z: Floats, rng: Rng) -> Bools:
     visible = inside & (slope >= np.maximum.accumulate(slope, 1) - 1e-9)
     mask = np.zeros(z.shape, bool)
     mask[i[visible], j[visible]] = True
-    return mask
+    rows, cols = np.indices(z.shape) + 0.5
+    return mask, CELL_M * np.hypot(rows - row, cols - col)
 
 
 def view(z: Floats, rng: Rng) -> Bools:
     if rng.random() < 0.4:
         return np.ones(z.shape, bool)
-    target, mask = rng.uniform(0.3, 0.95), seen(z, rng)
+    target, mask = rng.uniform(0.3, 0.95), seen(z, rng)[0]
     for _ in range(60):
         if mask.mean() > target:
             break
-        mask |= seen(z, rng)
+        mask |= seen(z, rng)[0]
     return mask
 
 
@@ -177,6 +195,50 @@ def jobs(rng: Rng) -> list[Job]:
     return found
 
 
+def measured(z: Floats, rng: Rng, looks: int, honest: float, before: Floats | None) -> Floats:
+    """Information and weighted sum of errors, (2, H, W), after some more looks."""
+    total = np.zeros((2, *z.shape)) if before is None else before.copy()
+    for _ in range(looks):
+        mask, range_m = seen(z, rng)
+        hit = np.clip(rng.uniform(3, 20) / np.maximum(range_m, 0.1), 0.3, 1)
+        mask &= rng.random(z.shape) < hit
+        sigma_m = 0.0008 * (range_m**2 + 1) * np.exp(rng.normal(0, 0.25, z.shape))
+        sigma_m = np.hypot(sigma_m, rng.uniform(0.003, 0.02))
+        weight = mask / sigma_m**2
+        total += [weight, weight * rng.normal(0, honest * sigma_m)]
+    return total
+
+
+def successions(rng: Rng) -> list[Job | Next]:
+    """Tiles measured by a few looks, then by a few more."""
+    found: list[Job | Next] = []
+    for _ in range(SUCCESSIONS):
+        z, honest = ground(rng), rng.uniform(0.2, 0.8)
+        first = measured(z, rng, int(rng.integers(2, 14)), honest, None)
+        second = measured(z, rng, int(rng.integers(1, 5)), honest, first)
+        for side, crops in ((32, 10), (64, 3)):
+            for _ in range(crops):
+                i, j = rng.integers(0, SIDE - side + 1, 2)
+                cut = np.s_[i : i + side, j : j + side]
+                found += succession(z[cut], first[:, *cut], second[:, *cut], rng)
+    return found
+
+
+def succession(z: Floats, first: Floats, second: Floats, rng: Rng) -> list[Job | Next]:
+    if (first[0] > 0).mean() < 0.03 or (second[0] == first[0]).all():
+        return []
+    bound_m = float(rng.choice(BOUNDS_M))
+    known, later = first[0] > 0, second[0] > 0
+    with np.errstate(all="ignore"):
+        was, sigma_m = z + first[1] / first[0], 1 / np.sqrt(first[0])
+        now, now_sigma_m = z + second[1] / second[0], 1 / np.sqrt(second[0])
+    base = decode_tile(encode_tile(was, known, sigma_m, bound_m).data)
+    found: list[Job | Next] = [Next(base, now, later, now_sigma_m, bound_m)]
+    if rng.random() < 0.4:
+        found.append(Job(now, later, now_sigma_m, bound_m, int(rng.integers(2, 5)), 0, base))
+    return found
+
+
 def prepare(job: Job) -> tuple[Head, list[Truth]]:
     """What the encoder would write, as far as the models do not matter."""
     bound = bound_for(job.bound_m, 1e-9, 2)
@@ -184,10 +246,12 @@ def prepare(job: Job) -> tuple[Head, list[Truth]]:
     known = np.ascontiguousarray(job.known)
     base = round(float(np.median(job.elevation_m[known])) / bound.step_m)
     head = Head(known.shape, bound, job.levels, job.profile, bool(known.all()), base)
-    codes = block_max(sigmacode.code_of(job.sigma_m, known), SIGMA_BLOCK)
-    mask = known.astype(np.uint8)
-    truth = Truth(head.scale.units(job.elevation_m), mask, codes, mask, 0)
-    errors_m = rehearse(job.elevation_m, truth, head)
+    cells = sigmacode.code_of(job.sigma_m, known)
+    codes, mask = block_max(cells, SIGMA_BLOCK), known.astype(np.uint8)
+    values = np.where(known, job.elevation_m, job.elevation_m[known][0])
+    split, told_codes = split_blocks(cells, known, job.base)
+    truth = Truth(head.scale.units(values), mask, codes, mask, 0, split, told_codes)
+    errors_m = rehearse(values, truth, head)
     plan = plan_levels(errors_m, known, bound, job.levels)
     return head, [replace(truth, told=told, bound_code=code) for code, told in plan]
 
@@ -196,14 +260,26 @@ def fresh() -> dict[str, Opinions]:
     learned = {kind: mask_opinions(kind) for kind in KINDS}
     learned["residuals"] = residuals.residual_opinions()
     learned["sigma"] = sigmacode.sigma_opinions()
+    learned["changes"] = changecode.change_opinions()
+    learned["sigma-changes"] = sigmachange.change_opinions()
+    learned["sigma-cells"] = sigmachange.cell_opinions()
     return learned
 
 
-def learn(learned: dict[str, Opinions], taps: NDArray[np.int64], job: Job) -> int:
+def learn(learned: dict[str, Opinions], taps: NDArray[np.int64], job: Job | Next) -> int:
     """Code one job in the shared models; return its size in bytes."""
-    head, truths = prepare(job)
     for kind in KINDS:  # what is not kept has to be as it will be: new to every payload
         learned[kind].models[LEARNED_SLOTS:] = priors.fresh_models(1)[0]
+    if isinstance(job, Job):
+        return learn_tile(learned, taps, job)
+    priors.share(learned, taps)
+    size = learn_next(job)
+    priors.share({}, None)
+    return size
+
+
+def learn_tile(learned: dict[str, Opinions], taps: NDArray[np.int64], job: Job) -> int:
+    head, truths = prepare(job)
     priors.share(learned, taps)
     if not head.whole:
         mask = truths[0].mask.copy()
@@ -211,6 +287,14 @@ def learn(learned: dict[str, Opinions], taps: NDArray[np.int64], job: Job) -> in
     size = len(write_tile(head, truths).data)
     priors.share({}, None)
     return size
+
+
+def learn_next(job: Next) -> int:
+    bound = bound_for(job.bound_m, 1e-6, 2)
+    assert bound is not None
+    values = np.where(job.known, job.elevation_m, job.elevation_m[job.known][0])
+    tile = encode_on(job.base, values, job.known, sigmacode.code_of(job.sigma_m, job.known), bound)
+    return len(tile.data) if tile else 0
 
 
 def write(path: Path, learned: dict[str, Opinions], taps: NDArray[np.int64]) -> None:
@@ -235,7 +319,7 @@ def slots_of(name: str, opinions: Opinions) -> int:
 def main(path: Path) -> None:
     rng = np.random.default_rng(777)
     priors.PRIORS.clear()
-    todo, learned = jobs(rng), fresh()
+    todo, learned = [*jobs(rng), *successions(rng)], fresh()
     taps, history = np.zeros((TAP_SETS, TAPS), np.int64), []
     for turn in range(PASSES):
         total = 0

@@ -1,9 +1,9 @@
 """The map codec: elevation grids in few bytes, every known cell within a stated bound.
 
-
 Two forms share one model. `encode_grid` makes a whole map as small as it gets. `encode_tile` makes
 one progressive payload for the radio: cut after any byte, it decodes to the last level that is
-whole, and each level states a bound that holds for every cell that it calls known.
+whole, and each level states a bound that holds for every cell that it calls known. A tile's next
+version can be told by what changed since the one before (`base`).
 
 Elevations are float32 when decoded, and the bounds hold for these: the encoder compares what the
 decoder will give with what it was given, never with what it should be. Unknown cells are NaN.
@@ -22,14 +22,16 @@ from comms.gridcode import decode_grid, decode_grid_sigma, encode_grid
 from comms.occupancy.grid import decode_occupancy, encode_occupancy, log_odds_as_sent
 from comms.occupancy.tile import DecodedOccupancy, decode_occupancy_tile, encode_occupancy_tile
 from comms.sigmacode import code_of, sigma_of
-from comms.tilecode import DecodedTile, EncodedTile, decode_tile, encode_tile
+from comms.tilecode import decode_tile, encode_tile
 from comms.tilelevels import SIGMA_BLOCK
+from comms.tiletypes import DecodedTile, EncodedTile, NeedsBaseError
 
 __all__ = [
     "CodecError",
     "DecodedOccupancy",
     "DecodedTile",
     "EncodedTile",
+    "NeedsBaseError",
     "decode_grid",
     "decode_grid_sigma",
     "decode_occupancy",

@@ -17,9 +17,9 @@ from comms.rangecoder import Coder, decoder, encoder, has_run_out
 
 Flags = NDArray[np.uint8]
 
-KINDS = ("whole", "rest", "lattice", "blocks")
+KINDS = ("whole", "rest", "lattice", "blocks", "news")
 """Masks that start from different priors: a whole grid's, what a tile's first levels left open,
-that of a coarse lattice, and which blocks a level tells."""
+that of a coarse lattice, which blocks a level tells, and what is known since the version before."""
 _TEMPLATE = np.array(
     [
         [0, -1],

@@ -2,7 +2,8 @@
 
 A level adds, in this order: which cells of its lattice are measured (the level before the last
 sends the whole mask), its bound and the blocks that it calls known, their standard deviations, and
-the elevations of its lattice.
+the elevations of its lattice. The last level may split blocks whose cells are unlike, and give each
+cell a standard deviation of its own.
 """
 
 import math
@@ -16,6 +17,7 @@ from comms.maskcode import code_mask, mask_opinions
 from comms.pyramid import Pyramid, top_spacing
 from comms.rangecoder import Coder
 from comms.scales import Bound, Fields, Scale, bounded
+from comms.sigmachange import cell_opinions, code_sigma_cells
 from comms.sigmacode import code_sigma_blocks, sigma_opinions
 
 Flags = NDArray[np.uint8]
@@ -43,6 +45,8 @@ class Tile:
     """Standard deviations, one code per block of `SIGMA_BLOCK` cells a side."""
     coded: Flags
     """Which of these were sent."""
+    cells: Codes
+    """The same for each cell (H, W): its block's, or its own where blocks were split."""
     highest_bound: int
 
     @classmethod
@@ -58,6 +62,7 @@ class Tile:
             np.zeros(head.shape, np.uint8),
             np.zeros(blocks, np.int64),
             np.zeros(blocks, np.uint8),
+            np.zeros(head.shape, np.int64),
             BOUND_CODES - 1,
         )
 
@@ -71,6 +76,7 @@ class Models:
         self.lattice = mask_opinions("lattice")
         self.blocks = mask_opinions("blocks")
         self.sigma = sigma_opinions()
+        self.sigma_cells = cell_opinions()
 
 
 @dataclass(frozen=True)
@@ -103,6 +109,10 @@ class Truth:
     told: Flags
     """Which cells this level calls known."""
     bound_code: int
+    split: Flags
+    """Which blocks tell each cell's own standard deviation, at the last level."""
+    cell_codes: Codes
+    """Each cell's own code, (H, W)."""
 
 
 def bound_of_level(bound: Bound, code: int) -> float:
@@ -139,6 +149,8 @@ def code_level(
         tile.highest_bound = code
         _code_told(coder, models, tile, block_side(tile.told.shape, level, spacing), truth)
     _code_sigmas(coder, models, tile, truth)
+    if is_last:
+        _code_splits(coder, models, tile, truth)
     tile.pyramid.code(coder, tile.mask, truth.y if truth else None, spacing)
     return code
 
@@ -184,3 +196,12 @@ def _code_sigmas(coder: Coder, models: Models, tile: Tile, truth: Truth | None) 
     want = touched & (1 - tile.coded)
     tile.codes = np.where(want, (truth or tile).codes, tile.codes)
     code_sigma_blocks(coder, models.sigma, want, tile.coded, tile.codes)
+    tile.cells = spread(tile.codes, SIGMA_BLOCK, *tile.told.shape)
+
+
+def _code_splits(coder: Coder, models: Models, tile: Tile, truth: Truth | None) -> None:
+    """Code which blocks are split, and the codes of their cells."""
+    split = truth.split.copy() if truth else np.zeros_like(tile.coded)
+    own = spread(split, SIGMA_BLOCK, *tile.cells.shape).astype(np.bool_)
+    tile.cells = np.where(own, truth.cell_codes if truth else 0, tile.cells)
+    code_sigma_cells(coder, models.sigma_cells, tile.told, split, SIGMA_BLOCK, tile.cells)

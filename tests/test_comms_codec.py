@@ -1,6 +1,7 @@
 """The map codec: bounds hold, masks are exact, prefixes decode, hostile bytes are refused."""
 
 import contextlib
+import itertools
 import math
 import os
 import tracemalloc
@@ -366,15 +367,15 @@ def test_a_first_level_tells_most_of_a_tile_in_few_bytes():
     assert first.bound_m < np.ptp(z) / 3
 
 
+@pytest.mark.parametrize("side", [16, 32, 64])
 @pytest.mark.parametrize("bound_m", [0.02, 0.05, 0.1])
-def test_levels_cost_at_most_a_tenth(bound_m: float):
-    progressive, plain = 0, 0
-    for seed in range(15, 19):
-        z = fractal(64, seed)
+def test_levels_cost_at_most_a_tenth(side: int, bound_m: float):
+    for seed, rms_m in itertools.product(range(15, 18), (0.05, 0.5)):
+        z = fractal(side, seed, rms_m)
         known = half_seen(z, seed) if seed % 2 else np.ones(z.shape, np.bool_)
-        progressive += len(encode_tile(z, known, np.full(z.shape, 0.01), bound_m).data)
-        plain += len(encode_grid(z, known, bound_m))
-    assert progressive <= 1.10 * plain
+        tile = encode_tile(z, known, np.full(z.shape, 0.01), bound_m)
+        # A tile says how sure it is, which takes 2 to 3 bytes more than the plain grid.
+        assert len(tile.data) <= 1.10 * (len(encode_grid(z, known, bound_m)) + 3)
 
 
 def test_a_tile_without_known_cells_says_so():
@@ -401,13 +402,13 @@ def test_encoding_is_the_same_every_time():
 
 
 GOLDEN = bytes.fromhex(
-    "2e96fc09b72df19d848a0dc3b5dfbc49f0480ed76c38bc8e5885ce0947fe6670100727a8c8d316fea743d607"
-    "f319bcf41cee9b833900ee440e5c496c441f889855a2484977e29995a4a71c4595e4b097f93af018f86c48d8"
-    "4dd0c5b11c3716799d2a30552d759f04ab36b4d919fd2d78d2ea70f971d60b50c07a2ae49a0804beffb2fae0"
-    "4eabcba6f2850b5b6656e9dc5c4245e6d57697250d765e3f26271fc3d2dce3ea5c00038e2ec826a63144d2a5"
-    "d7da0856dc8edeb4"
+    "974b7e06981ae3b20b6119fee29526d2f1b013ac1d5949cce32c4ab0490f77289b1134ae4afa0a19dda65ea0"
+    "755905740293b5fab747fffa0983c011f16525d75ae1823d1c9b1c698812826e474f3ff357f1d936b1d7da86"
+    "66e308b7a5dd036009d03f5db4e599b6082e01cb05b0ef54470e714da850a8b396812189789955900deb8d91"
+    "05797499bf6ea0f9f287f8bc4e58d263c77b3347ac93021d5b248c3cf4869adca61a2871649d7e72841efaf5"
+    "83a06338d2abd7"
 )
-GOLDEN_ENDS = (21, 86, 184)
+GOLDEN_ENDS = (20, 85, 183)
 
 
 def golden_ground() -> tuple[Floats, Bools, Floats]:
@@ -426,7 +427,7 @@ def test_the_format_is_what_it_was():
     tile = encode_tile(z, known, sigma_m, 0.1)
     assert (tile.data, tile.level_ends) == (GOLDEN, GOLDEN_ENDS)
     decoded = decode_tile(GOLDEN)
-    assert zlib.crc32(decoded.elevation_m[decoded.known].tobytes()) == 3056868399
+    assert zlib.crc32(decoded.elevation_m[decoded.known].tobytes()) == 3791206441
     assert zlib.crc32(decoded.sigma_m[decoded.known].tobytes()) == 4026595066
 
 

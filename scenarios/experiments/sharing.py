@@ -28,11 +28,14 @@ from scenarios.runner import run
 from scenarios.schema import Scenario, load
 
 THIN_BPS = 2400.0
-RATES_BPS = (math.inf, 9600.0, THIN_BPS, 600.0, 0.0)
+RATES_BPS = {
+    "cliff": (math.inf, 9600.0, THIN_BPS, 600.0),
+    "pair": (math.inf, THIN_BPS, 600.0, 0.0),
+}
 """Links of the mission: unlimited, 9600 baud, Sojourner's, one that binds, and none."""
 JOIN_S = 1500.0
 """A latecomer joins when the map has been finished for some time."""
-MISSION_S = {"cliff": 1500.0, "pair": 3000.0}
+MISSION_S = {"cliff": 1200.0, "pair": 3000.0}
 SERIES_S = 30.0
 CAUGHT_UP = 0.9
 PARTS = ("catch-up", "lag", "mission")
@@ -77,7 +80,7 @@ def _of_seed(seed: int, parts: Sequence[str], sets: tuple[str, ...]) -> Iterator
                         yield Trial(part, scenario, seed, policy, THIN_BPS, sets)
             case _:
                 for scenario in MISSION_S:
-                    for rate_bps in RATES_BPS:
+                    for rate_bps in RATES_BPS[scenario]:
                         yield Trial(part, scenario, seed, "value", rate_bps, sets)
 
 

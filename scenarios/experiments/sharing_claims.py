@@ -142,6 +142,8 @@ def _mission_table(runs: Sequence[Row], series: Sequence[Row]) -> Table:
     for scenario in distinct(runs, "scenario"):
         for rate_bps in rates(runs):
             mine = chosen(runs, scenario=scenario, rate_bps=rate_bps)
+            if not mine:
+                continue
             path = _estimated(mine, "safe_path_s") if scenario == "cliff" else ""
             coverage = mean_coverage(series, scenario, rate_bps)
             lines.append(
