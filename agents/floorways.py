@@ -114,7 +114,7 @@ def way_to(
     # In cells, a cell's centre at a half; its own centre first, in case it stands in a corner.
     here = np.array([[(pose.x_m - frame.x_m) / cell_m, (pose.y_m - frame.y_m) / cell_m]])
     points: Floats = np.concatenate((here, cells[:, ::-1] + 0.5)).astype(np.float64)
-    kept = points[_corners(solid, points, (radius_m + MARGIN_M) / cell_m)]
+    kept = points[_corners(solid | barred, points, (radius_m + MARGIN_M) / cell_m)]
     return np.column_stack((frame.x_m + kept[:, 0] * cell_m, frame.y_m + kept[:, 1] * cell_m))
 
 

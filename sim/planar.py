@@ -24,6 +24,9 @@ from sim.rover import Drive, Publish, WheeledBody
 
 SPACING_M = 1.5
 """Robots of a team start at least so far from one another."""
+SCRAPE_M, SCRAPES = 0.005, 0.8
+"""A robot that touches a wall may come nearer to it by so much in a step, down to this share of its
+radius: wheels slip aside."""
 BUMP = "bump"
 """Why a drive ended that ran into something solid."""
 
@@ -84,12 +87,15 @@ class PlanarBody(WheeledBody):
         return done
 
     def _refusal(self, here: Pose, there: Pose) -> str:
-        """Say whether the robot's circle would run into something; away from it, it always may."""
+        """Say whether the robot's circle would run into something.
+
+        Away from it, it always may; along it, it may scrape.
+        """
         gap = self._gap_m(there)
-        near = gap < self._radius_m
-        if near and gap <= self._gap_m(here):
-            return BUMP
-        return ""
+        if gap >= self._radius_m or gap >= self._gap_m(here):
+            return ""
+        scrapes = gap >= SCRAPES * self._radius_m and gap >= self._gap_m(here) - SCRAPE_M
+        return "" if scrapes else BUMP
 
     def _gap_m(self, pose: Pose) -> float:
         return gap_m(self._world.solid, self._world.frame, pose.x_m, pose.y_m, self._radius_m)
