@@ -103,7 +103,8 @@ def way_to(
     away_m = np.hypot(
         frame.x_m + (cols + 0.5) * cell_m - pose.x_m, frame.y_m + (rows + 0.5) * cell_m - pose.y_m
     )
-    solid[away_m <= radius_m + 0.5 * cell_m] = False
+    solid[away_m <= radius_m] = False
+    solid[start] = False
     cost = _cost(solid, radius_m / cell_m)
     cost[barred] += BARRED
     cost[start] = 1.0

@@ -1,5 +1,6 @@
 """Finding one's place on a floor, and a way over it."""
 
+import itertools
 import math
 
 import numpy as np
@@ -92,7 +93,7 @@ def test_a_circle_fits_through_every_way(seed: int, footprint_m: float) -> None:
         return
     assert way[0] == pytest.approx(here)
     assert frame.cell_of(*way[-1]) == frame.cell_of(*there)
-    for a, b in zip(way[:-1], way[1:], strict=True):
+    for a, b in itertools.pairwise(way):
         for share in np.linspace(0, 1, 40):
             x, y = a + share * (b - a)
             assert gap_m(solid, frame, x, y, footprint_m) >= footprint_m / 2 - 0.012
