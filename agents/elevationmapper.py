@@ -41,7 +41,8 @@ class ElevationMapper:
         chances: Singles = await asyncio.to_thread(
             expected_visibility, self.view(), self.robot.pose, pan_rad, tilt_rad
         )
-        return Expected(float(np.sum(chances)), chances)
+        # In single precision the order in which numpy adds up would show in the record.
+        return Expected(round(float(np.sum(chances, dtype=np.float64)), 3), chances)
 
     async def localise(self, exposure: Exposure) -> None:
         """Do nothing: there is no matching of ground yet."""
