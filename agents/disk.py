@@ -22,6 +22,7 @@ import numpy as np
 from agents.errors import AgentError
 from agents.geometry import Floats, GridFrame, Pose
 from agents.layers import Anchor, OwnLayer, Submap
+from agents.maps.kind import MapKind
 from agents.store import AnchorKey, Chunk, Origin, TileKey
 
 LENGTH_BYTES = 4
@@ -37,9 +38,7 @@ class Recovered:
 
     chunks: list[Chunk] = field(default_factory=list[Chunk])
     """Every published version, whole."""
-    submaps: list[tuple[Origin, int, Submap]] = field(
-        default_factory=list[tuple[Origin, int, Submap]]
-    )
+    submaps: list[tuple[Origin, int, Any]] = field(default_factory=list[tuple[Origin, int, Any]])
     """The last incarnation's own submaps, with their origin and index."""
     anchors: dict[AnchorKey, Anchor] = field(default_factory=dict[AnchorKey, Anchor])
     """Of the incarnations before the last: without them nobody knows where their maps lie."""
@@ -90,7 +89,7 @@ class Disk:
 
     def layer_content(
         self,
-        layer: OwnLayer,
+        layer: OwnLayer[Any],
         pose: Pose,
         covariance: Floats,
         former: Mapping[AnchorKey, Anchor],
@@ -116,7 +115,7 @@ class Disk:
         """
         self._replace(self.folder / "layer", zlib.compress(_packed(content), 1))
 
-    def recover(self, frame: GridFrame) -> Recovered:
+    def recover(self, frame: GridFrame, kind: MapKind[Any, Any]) -> Recovered:
         """Return what former incarnations left; nothing where this is the first.
 
         Raises:
@@ -134,7 +133,8 @@ class Disk:
             recovered.covariance = np.array(covariance).reshape(4, 4)
             robot = recovered.chunks[0].key.robot if recovered.chunks else -1
             for index, record in enumerate(submaps):
-                submap = _submap_of(record, frame)
+                anchor, cells = record
+                submap = kind.restored(frame, _anchor_of(anchor), cells)
                 recovered.submaps.append((Origin(robot, incarnation), index, submap))
             recovered.anchors = {AnchorKey(*key): _anchor_of(record) for key, record in former}
         except (OSError, ValueError, TypeError, IndexError, zlib.error) as error:
@@ -207,21 +207,4 @@ def _anchor_of(record: Any) -> Anchor:
 
 def _submap_record(submap: Submap) -> tuple[object, ...]:
     """Return a submap as plain values: its anchor and the cells that it knows."""
-    cells = np.flatnonzero(submap.information)
-    return (
-        _anchor_record(submap.anchor),
-        cells.astype(np.int32).tobytes(),
-        submap.information.ravel()[cells].tobytes(),
-        submap.weighted_z.ravel()[cells].tobytes(),
-        submap.looks.ravel()[cells].tobytes(),
-    )
-
-
-def _submap_of(record: Any, frame: GridFrame) -> Submap:
-    anchor, cells, information, weighted_z, looks = record
-    submap = Submap(frame, _anchor_of(anchor))
-    where = np.frombuffer(cells, np.int32)
-    submap.information.ravel()[where] = np.frombuffer(information)
-    submap.weighted_z.ravel()[where] = np.frombuffer(weighted_z)
-    submap.looks.ravel()[where] = np.frombuffer(looks, np.uint16)
-    return submap
+    return (_anchor_record(submap.anchor), submap.cells())

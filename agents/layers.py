@@ -2,19 +2,17 @@
 
 A layer is made of submaps, each anchored by the pose that the robot believed when it began it,
 in the robot's drifting frame; a new one is begun when the pose has grown unsure against the
-anchor. A submap keeps information form: sum of 1/sigma^2, sum of z/sigma^2 and the number of
-looks per cell, so that one more look is one more addition (Sujan & Meggiolaro, Eqs. 19-21, for
-independent measurements).
+anchor. What a submap keeps of a cell is its kind's own affair (`agents.maps`).
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
-from agents.ports import Exposure
 
 YAW_STEP_RAD = 1e-4
 VARIANCE_STEPS = 4.0
@@ -88,133 +86,58 @@ class Anchor:
             variance=rounded_variance(variance),
         )
 
-    def cell_variance(self, frame: GridFrame, slope: Floats) -> Floats:
-        """Return what the anchor's covariance adds to each cell's elevation variance, m^2.
+    def shift_variance(self, frame: GridFrame) -> Floats:
+        """Return how unsure each cell's place is (rows, cols) along one axis, m^2.
 
-        A shift of the map moves the elevation of a cell by the slope times the shift; a turn
-        shifts a cell by its distance to the anchor.
+        A turn of the map shifts a cell by its distance to the anchor.
         """
         rows, cols = np.indices(frame.shape)
         dx = frame.x_m + (cols + 0.5) * frame.cell_m - self.corrected.x_m
         dy = frame.y_m + (rows + 0.5) * frame.cell_m - self.corrected.y_m
-        var_x, var_y, var_z, var_yaw = self.variance
-        shift = 0.5 * (var_x + var_y) + (dx * dx + dy * dy) * var_yaw
-        return var_z + slope * slope * shift
+        var_x, var_y, _, var_yaw = self.variance
+        return 0.5 * (var_x + var_y) + (dx * dx + dy * dy) * var_yaw
 
 
-@dataclass(frozen=True)
-class LookCells:
-    """One look, binned: the cells that it hit, with one mean and one variance each."""
+class Submap(Protocol):
+    """One stretch of a robot's own map, of whatever kind."""
 
-    rows: Ints
-    cols: Ints
-    mean_m: Floats
-    variance_m2: Floats
-
-
-def bin_look(
-    exposure: Exposure,
-    pose: Pose,
-    frame: GridFrame,
-    *,
-    attitude_sigma_rad: float,
-    extra_variance: tuple[float, float, float, float],
-) -> LookCells:
-    """Turn the points of one look into one measurement per cell.
-
-    Points of one look share the error of its levelling and of the robot's pose, so however many
-    fall in a cell, its variance never falls below that common part. `extra_variance` is the
-    pose's variance (x, y, z, yaw) beyond that of the submap's anchor.
-    """
-    points = pose.team_from_robot(exposure.points_m)
-    cells = frame.cells_of(points)
-    inside = (
-        (cells[:, 0] >= 0)
-        & (cells[:, 0] < frame.rows)
-        & (cells[:, 1] >= 0)
-        & (cells[:, 1] < frame.cols)
-    )
-    local, points, cells = exposure.points_m[inside], points[inside], cells[inside]
-    along_sigma = exposure.sigma_m[inside]
-    flat = cells[:, 0] * frame.cols + cells[:, 1]
-    used, where, count = np.unique(flat, return_inverse=True, return_counts=True)
-    if used.size == 0:
-        nothing = np.zeros(0, dtype=np.int64)
-        return LookCells(nothing, nothing, np.zeros(0), np.zeros(0))
-    range_m = np.linalg.norm(local, axis=1) + 1e-9
-    ground_m = np.hypot(local[:, 0], local[:, 1])
-    sine = np.minimum(1.0, np.abs(local[:, 2]) / range_m + 0.1)
-    weight = 1.0 / np.maximum(along_sigma * sine, 1e-3) ** 2
-    total = np.bincount(where, weight)
-    z_m = points[:, 2]
-    mean = np.bincount(where, weight * z_m) / total
-    spread = np.bincount(where, (z_m - mean[where]) ** 2) / count
-    spread = np.maximum(spread, (0.3 * frame.cell_m) ** 2)
-    reach = np.bincount(where, ground_m) / count
-    slope2 = np.minimum(spread * 12.0 / frame.cell_m**2, 9.0)
-    var_x, var_y, var_z, var_yaw = extra_variance
-    common = (
-        (attitude_sigma_rad * reach) ** 2
-        + var_z
-        + slope2 * (0.5 * (var_x + var_y) + reach**2 * var_yaw)
-    )
-    return LookCells(
-        used // frame.cols, used % frame.cols, mean, 1.0 / total + spread / count + common
-    )
-
-
-class Submap:
-    """One stretch of a robot's own map, in information form on the team grid."""
-
-    def __init__(self, frame: GridFrame, anchor: Anchor) -> None:
-        """Make an empty submap anchored at a pose."""
-        self.frame = frame
-        self.anchor = anchor
-        self.information = np.zeros(frame.shape)
-        self.weighted_z = np.zeros(frame.shape)
-        self.looks: NDArray[np.uint16] = np.zeros(frame.shape, dtype=np.uint16)
-        self.revision = 0
-        """Grows with every change of the cells."""
+    anchor: Anchor
 
     @property
     def known(self) -> Bools:
         """Mask of the cells that were measured, (rows, cols)."""
-        return self.information > 0
+        ...
 
-    def observe(self, look: LookCells) -> None:
-        """Add one look's measurements."""
-        weight = 1.0 / look.variance_m2
-        self.information[look.rows, look.cols] += weight
-        self.weighted_z[look.rows, look.cols] += weight * look.mean_m
-        self.looks[look.rows, look.cols] += 1
-        self.revision += 1
+    @property
+    def revision(self) -> int:
+        """A number that grows with every change of the cells."""
+        ...
 
-    def take(self, other: "Submap", cells: Bools) -> None:
+    def take(self, other: Self, cells: Bools) -> None:
         """Take over the cells of a mask (rows, cols) from another submap."""
-        self.information[cells] = other.information[cells]
-        self.weighted_z[cells] = other.weighted_z[cells]
-        self.looks[cells] = other.looks[cells]
-        self.revision += 1
+        ...
 
-    def estimate(self, window: tuple[slice, slice]) -> tuple[Floats, Floats]:
-        """Return elevation (NaN unknown) and variance (inf unknown) of a window of cells."""
-        information = self.information[window]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return self.weighted_z[window] / information, 1.0 / information
+    def cells(self) -> list[bytes]:
+        """Return the cells that it knows as plain bytes, for `MapKind.restored`."""
+        ...
 
 
-class OwnLayer:
+S = TypeVar("S", bound=Submap)
+
+
+class OwnLayer(Generic[S]):
     """All submaps of one robot in one incarnation; the robot alone writes it."""
 
-    def __init__(self, frame: GridFrame) -> None:
-        """Make an empty layer."""
+    def __init__(self, frame: GridFrame, make: Callable[[GridFrame, Anchor], S]) -> None:
+        """Make an empty layer of submaps as `make` makes them (`MapKind.submap`)."""
         self.frame = frame
-        self.submaps: list[Submap] = []
+        self.submaps: list[S] = []
+        self._make = make
 
-    def begin_submap(self, pose: Pose, covariance: Floats) -> Submap:
+    def begin_submap(self, pose: Pose, covariance: Floats) -> S:
         """Begin a submap at a believed pose; covariance is (4, 4) of (x, y, z, yaw)."""
         x, y, z, yaw = (float(v) for v in np.diag(covariance))
-        submap = Submap(self.frame, Anchor.at(pose, (x, y, z, yaw)))
+        submap = self._make(self.frame, Anchor.at(pose, (x, y, z, yaw)))
         self.submaps.append(submap)
         return submap
 
@@ -233,15 +156,7 @@ class OwnLayer:
 
     def known_cells(self) -> int:
         """Count the known (submap, cell) entries."""
-        return sum(int(np.count_nonzero(s.information)) for s in self.submaps)
-
-
-def slope_of(elevation_m: Floats, cell_m: float) -> Floats:
-    """Return the magnitude of the gradient, 0 where a neighbour is unknown; clipped at 3."""
-    padded = np.pad(elevation_m, 1, mode="edge")
-    dx = (padded[1:-1, 2:] - padded[1:-1, :-2]) / (2 * cell_m)
-    dy = (padded[2:, 1:-1] - padded[:-2, 1:-1]) / (2 * cell_m)
-    return np.minimum(np.nan_to_num(np.hypot(dx, dy)), 3.0)
+        return sum(int(np.count_nonzero(s.known)) for s in self.submaps)
 
 
 def drawn_at(submap_from: Anchor, xy_m: Floats) -> Floats:
@@ -253,3 +168,21 @@ def drawn_at(submap_from: Anchor, xy_m: Floats) -> Floats:
     return np.column_stack(
         (submap_from.pose.x_m + c * dx - s * dy, submap_from.pose.y_m + s * dx + c * dy)
     )
+
+
+def drawn_cells(anchor: Anchor, frame: GridFrame) -> tuple[Ints, Ints, Bools]:
+    """Return row, column and whether there is one (each (rows, cols)) of the nearest drawn cell.
+
+    Every cell of the team grid takes what was drawn there, before the anchor was corrected.
+    """
+    rows, cols = np.indices(frame.shape)
+    centres: Floats = np.column_stack(
+        (
+            frame.x_m + (cols.ravel() + 0.5) * frame.cell_m,
+            frame.y_m + (rows.ravel() + 0.5) * frame.cell_m,
+        )
+    ).astype(np.float64)
+    source = frame.cells_of(drawn_at(anchor, centres))
+    row, col = (source[:, axis].reshape(frame.shape) for axis in (0, 1))
+    inside = (row >= 0) & (row < frame.rows) & (col >= 0) & (col < frame.cols)
+    return np.where(inside, row, 0), np.where(inside, col, 0), inside

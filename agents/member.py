@@ -6,6 +6,7 @@ Nothing here moves or looks. A member on a lander, without wheels, would be this
 import asyncio
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -40,6 +41,8 @@ GATE = 25.0
 """Innovations beyond this (chi-squared, 4 degrees of freedom: 5e-5) are not believed."""
 KEEP_ALIVE_S = 60.0
 """A robot of which nothing changes says so this often."""
+SILENT_S = 240.0
+"""A team-mate that was not heard for so long is taken for lost: what it claimed is free again."""
 TOLD_M = 0.3
 TOLD_RAD = 0.2
 """A robot that has moved or turned less than this need not say so."""
@@ -65,17 +68,13 @@ class Member:
         sharing = way(settings.sharing.policy)
         side = max(settings.frame.shape) if sharing.whole_map else settings.map.tile_cells
         self.grid = TileGrid(settings.frame, side)
-        self.own = OwnLayer(settings.frame)
+        kind = sharing.kind(settings.map)
+        self.own: OwnLayer[Any] = OwnLayer(settings.frame, kind.submap)
         self.store = Store()
-        self.team = TeamMap(
-            self.grid, self.store, self.own, self.me, settings.map.max_error_m, sharing.payloads()
-        )
+        self.team: TeamMap[Any, Any] = TeamMap(self.grid, self.store, self.own, self.me, kind)
         self.sharing = sharing.policy(
-            Desk(
-                settings.sharing, settings.map, self.me, len(settings.roster), self.team,
-                disk.journal,
-            )
-        )  # fmt: skip
+            Desk(settings.sharing, self.me, len(settings.roster), self.team, disk.journal)
+        )
         self.sharing.weight = self.tile_weight
         self.filter = PoseFilter(settings.start, settings.start_covariance)
         self.mates: dict[int, Mate] = {}
@@ -119,7 +118,7 @@ class Member:
 
     def _recovered(self) -> Recovered:
         try:
-            return self.disk.recover(self.settings.frame)
+            return self.disk.recover(self.settings.frame, self.team.kind)
         except DiskError as error:
             self.log.event("disk", str(error))
             return Recovered()
@@ -194,11 +193,13 @@ class Member:
 
     def regions(self, *, wished: bool) -> list[tuple[float, float, float]]:
         """Return what team-mates wait to know, or said that they will look at themselves."""
+        now_s = self._time_or_zero()
         return [
             mate.status.claim
             for index, mate in sorted(self.mates.items())
             if mate.status.claim is not None
             and (self.settings.roles[index] == "cliffbot") == wished
+            and (wished or now_s - mate.heard_s < SILENT_S)
         ]
 
     def tile_weight(self, key: TileKey) -> float:

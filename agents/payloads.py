@@ -4,13 +4,23 @@ A payload may be cut anywhere; what is decoded of a prefix is what its whole lev
 """
 
 import math
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats
-from comms.codec import CodecError, DecodedTile, EncodedTile, decode_tile, encode_tile
+from comms.codec import (
+    CodecError,
+    DecodedTile,
+    EncodedTile,
+    decode_occupancy_tile,
+    decode_tile,
+    encode_occupancy_tile,
+    encode_tile,
+    log_odds_as_sent,
+)
 from comms.papercode import decode_paper_map, encode_paper_map
 from comms.sigmacode import HIGHEST, LOWEST, code_of, sigma_of
 
@@ -121,3 +131,88 @@ class Paper:
         if paper.known.shape != shape or paper.sigma_m is None:
             return None
         return DecodedTile(paper.elevation_m, paper.known, paper.sigma_m, 0.0, 0, 1)
+
+
+# --- occupancy ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ToldOccupancy:
+    """What a payload's prefix tells of a tile: log-odds, 0 where not known; both (rows, cols)."""
+
+    log_odds: Floats
+    known: Bools
+    level: int
+    """The last level that is whole."""
+
+
+class OccupancyPayloads(Protocol):
+    """One way of writing tiles of occupancy log-odds, rounded towards 0 and never away from it."""
+
+    def encode(self, log_odds: Floats, known: Bools) -> EncodedTile:
+        """Return the payload of a tile (rows, cols), of which the `known` cells count."""
+        ...
+
+    def decode(self, prefix: bytes, shape: tuple[int, int]) -> ToldOccupancy | None:
+        """Return what a prefix tells of a tile (rows, cols); None where that is nothing."""
+        ...
+
+    def as_sent(self, log_odds: Floats, known: Bools) -> Floats:
+        """Return the log-odds (any shape) that a receiver of everything would be told."""
+        ...
+
+
+class OccupancyPyramid:
+    """The project's own: progressive, coarse blocks before cells (`comms.occupancy.tile`)."""
+
+    def encode(self, log_odds: Floats, known: Bools) -> EncodedTile:
+        """See `comms.codec.encode_occupancy_tile`."""
+        return encode_occupancy_tile(log_odds, known)
+
+    def decode(self, prefix: bytes, shape: tuple[int, int]) -> ToldOccupancy | None:
+        """See `comms.codec.decode_occupancy_tile`."""
+        try:
+            tile = decode_occupancy_tile(prefix)
+        except CodecError:
+            return None
+        if tile.level < 0 or tile.known.shape != shape:
+            return None
+        return ToldOccupancy(tile.log_odds.astype(np.float64), tile.known, tile.level)
+
+    def as_sent(self, log_odds: Floats, known: Bools) -> Floats:
+        """See `comms.codec.log_odds_as_sent`."""
+        return log_odds_as_sent(log_odds, known).astype(np.float64)
+
+
+LOG_ODDS_STEP = 0.05
+"""Raw log-odds travel in steps of this, a byte each."""
+UNKNOWN_BYTE = -128
+
+
+class RawOccupancy:
+    """A byte per cell, row by row: log-odds in steps of 0.05, -128 unknown; for comparison."""
+
+    def encode(self, log_odds: Floats, known: Bools) -> EncodedTile:
+        """Return the payload; every cell is a level."""
+        steps = np.where(known, _raw_steps(log_odds), UNKNOWN_BYTE).astype(np.int8)
+        return EncodedTile(steps.tobytes(), tuple(range(1, steps.size + 1)))
+
+    def decode(self, prefix: bytes, shape: tuple[int, int]) -> ToldOccupancy | None:
+        """Return the cells that came."""
+        cells = np.full(shape[0] * shape[1], UNKNOWN_BYTE, dtype=np.int8)
+        if not 0 < len(prefix) <= cells.size:
+            return None
+        cells[: len(prefix)] = np.frombuffer(prefix, np.int8)
+        known = cells.reshape(shape) != UNKNOWN_BYTE
+        log_odds = np.where(known, cells.reshape(shape) * LOG_ODDS_STEP, 0.0)
+        return ToldOccupancy(log_odds, known, len(prefix) - 1)
+
+    def as_sent(self, log_odds: Floats, known: Bools) -> Floats:
+        """Return log-odds rounded towards 0."""
+        return np.where(known, _raw_steps(log_odds) * LOG_ODDS_STEP, 0.0)
+
+
+def _raw_steps(log_odds: Floats) -> Floats:
+    # A hair towards 0: a value that was sent before is sent as the same step again.
+    steps = np.trunc(log_odds / LOG_ODDS_STEP + np.sign(log_odds) * 1e-6)
+    return np.clip(steps, UNKNOWN_BYTE + 1, -UNKNOWN_BYTE - 1)

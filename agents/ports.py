@@ -4,8 +4,10 @@ A robot knows nothing of the world but what comes through these protocols and it
 calls that take time are awaited on the running event loop, whose clock is the robot's clock.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
+
+import numpy as np
 
 from agents.geometry import Floats
 
@@ -36,6 +38,9 @@ class Exposure:
     sigma_m: Floats
     """(N,) standard deviation along the ray (Sujan & Meggiolaro, Eq. 4)."""
     sightings: tuple[Sighting, ...] = ()
+    ranges_m: Floats = field(default_factory=lambda: np.zeros(0))
+    """(columns,) of a planar camera, which gives ranges instead of points: along the rays of its
+    fan, right to left; inf where nothing came back from within its depth of field."""
 
 
 @dataclass(frozen=True)

@@ -5,24 +5,32 @@ localise, fuse, share, plan, move. The robot reaches its body through `agents.po
 team-mates through its radio, and time through asyncio; there is nothing else.
 """
 
-import asyncio
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from agents.briefing import AgentSettings, RobotLog
 from agents.disk import Disk
+from agents.elevationmapper import ElevationMapper
 from agents.fusion import compose
-from agents.geometry import Floats, Pose, Singles, wrap_angle
-from agents.information import Interest
-from agents.layers import bin_look
+from agents.geometry import Bools, Floats, Pose, wrap_angle
+from agents.mapper import Mapper, NextLook
 from agents.member import GATE, LEG_M, Member
 from agents.messages import Fix, Status
+from agents.planarmapper import PlanarMapper
 from agents.ports import Exposure, Hardware, Sighting
-from agents.strategies import LookPlan, View, expected_visibility, strategy
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
+
+
+MAPPERS: dict[str, Callable[["Robot"], Mapper]] = {
+    "elevation": ElevationMapper,
+    "planar": PlanarMapper,
+}
+"""By kind of map."""
 
 
 class Robot(Member):
@@ -39,8 +47,7 @@ class Robot(Member):
         """Put a robot together; on a disk that holds a former life (`Disk.begin`), take it up."""
         super().__init__(settings, hardware, disk, log)
         self.rng = rng
-        self.strategy = strategy(settings.method)
-        self.interest = Interest(settings.frame.shape, settings.planner.beta)
+        self.mapper: Mapper = MAPPERS[settings.map.kind](self)
         self.looks = 0
         self.trail = [(self.pose.x_m, self.pose.y_m)]
 
@@ -51,11 +58,10 @@ class Robot(Member):
         camera = self.hardware.camera
         assert camera is not None
         exposure = await camera.look(pan_rad, tilt_rad)
-        expected = await asyncio.to_thread(
-            expected_visibility, self.view(), self.pose, pan_rad, tilt_rad
-        )
+        expected = await self.mapper.expect(pan_rad, tilt_rad)
         self.localise(exposure)
-        await self.fuse(exposure, expected)
+        await self.mapper.localise(exposure)
+        await self.mapper.fuse(exposure, expected)
         self.looks += 1
         await self.save()
 
@@ -87,7 +93,7 @@ class Robot(Member):
         """Whether it is less sure of its pose than its map is fine."""
         variance = np.diag(self.filter.covariance)
         far_m = self.settings.sensor.range_m
-        cell_m = self.settings.map.cell_m
+        cell_m = self.settings.frame.cell_m
         return bool(max(variance[:2]) > cell_m**2 or far_m**2 * variance[3] > cell_m**2)
 
     def bearings(self) -> list[tuple[float, float]]:
@@ -109,33 +115,22 @@ class Robot(Member):
         pan_rad = wrap_angle(math.atan2(dy, dx) - self.pose.yaw_rad)
         return distance_m, pan_rad, math.atan2(up_m, max(distance_m, 0.1))
 
-    async def fuse(self, exposure: Exposure, expected: Singles) -> None:
-        """Fuse one look into the own layer (Eqs. 19-21), and lose interest in what failed."""
+    def current_submap(self) -> tuple[int, Any]:
+        """Return the submap that a look goes into, and its index: a new one if that is due."""
         covariance = self.filter.covariance
-        cell_m = self.settings.map.cell_m
-        if self.own.needs_submap(covariance, shift_m=cell_m, turn_rad=0.02):
+        shift_m = self.settings.frame.cell_m
+        if self.own.needs_submap(covariance, shift_m=shift_m, turn_rad=0.02):
             self.own.begin_submap(self.pose, covariance)
-        index = len(self.own.submaps) - 1
-        submap = self.own.submaps[index]
-        known_before = self.team.fused().known
-        cells = await asyncio.to_thread(
-            bin_look,
-            exposure,
-            self.pose,
-            self.settings.frame,
-            attitude_sigma_rad=math.radians(self.settings.sensor.attitude_sigma_deg),
-            extra_variance=self.own.beyond_anchor(covariance),
-        )
-        submap.observe(cells)
-        measured = np.zeros(self.settings.frame.shape, dtype=bool)
-        measured[cells.rows, cells.cols] = True
-        self.interest.update(expected, measured)
-        self.tiles_changed(index, measured)
-        new = measured & ~known_before
+        return len(self.own.submaps) - 1, self.own.submaps[-1]
+
+    def looked(
+        self, submap: int, exposure: Exposure, expected_cells: float, measured: Bools, new: Bools
+    ) -> None:
+        """Note that a look has measured cells (rows, cols) of an own submap, some of them new."""
+        self.tiles_changed(submap, measured)
         self.log.look(
             exposure,
-            # In single precision the order in which numpy adds up would show in the record.
-            expected_cells=round(float(np.sum(expected, dtype=np.float64)), 3),
+            expected_cells=expected_cells,
             obtained_cells=int(np.count_nonzero(measured)),
             new_cells=int(np.count_nonzero(new)),
         )
@@ -148,44 +143,17 @@ class Robot(Member):
 
     # --- plan and move --------------------------------------------------------------------
 
-    def view(self) -> View:
-        """Return what the planner sees: the team map and where everybody is."""
-        fused = self.team.fused()
-        return View(
-            frame=self.settings.frame,
-            elevation_m=fused.elevation_m,
-            sigma_m=self.team.relief_sigma_m(),
-            looks=fused.looks.astype(np.int64),
-            interest=self.interest.share,
-            pose=self.pose,
-            pose_sigma_m=self.filter.sigma_m,
-            others=[mate.status.pose for _, mate in sorted(self.mates.items())],
-            sensor=self.settings.sensor,
-            drive=self.settings.drive,
-            planner=self.settings.planner,
-            claims=self.regions(wished=False),
-            wishes=tuple(self.regions(wished=True)),
-            trail_m=np.array(self.trail),
-        )
-
-    async def choose_look(self) -> LookPlan | None:
-        """Choose the next look (Eq. 23), and say to the others where it will be.
+    async def choose_look(self) -> NextLook | None:
+        """Choose the next look, and say to the others where it will be.
 
         On a real clock the radio goes on while the robot thinks; on the virtual one thinking takes
         no time.
         """
-        plan = await asyncio.to_thread(self.strategy.choose, self.view(), self.rng)
+        plan = await self.mapper.choose()
         if plan is None:
             self.claim = None
             return None
-        heading_rad = plan.heading_rad
-        reach_m = 0.5 * self.settings.sensor.range_m
-        x_m, y_m = plan.path_m[-1]
-        self.claim = (
-            float(x_m) + reach_m * math.cos(heading_rad),
-            float(y_m) + reach_m * math.sin(heading_rad),
-            reach_m,
-        )
+        self.claim = plan.claim
         self.tell_status()
         return plan
 
@@ -208,7 +176,7 @@ class Robot(Member):
         while True:
             dx, dy = x_m - self.pose.x_m, y_m - self.pose.y_m
             distance_m = math.hypot(dx, dy)
-            if distance_m < 0.5 * self.settings.map.cell_m:
+            if distance_m < 0.5 * self.settings.frame.cell_m:
                 return True
             turn_rad = wrap_angle(math.atan2(dy, dx) - self.pose.yaw_rad)
             if not await self.drive(turn_rad, min(distance_m, leg_m)):

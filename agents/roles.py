@@ -9,13 +9,14 @@ import numpy as np
 
 from agents.briefing import ACTIVITIES, AgentSettings
 from agents.geometry import Bools, Floats, GridFrame, Pose, wrap_angle
+from agents.mapper import NextLook
+from agents.maps.elevation import relief_sigma_m
+from agents.member import SILENT_S
 from agents.messages import TetherCommand, pack_tethers
 from agents.paths import path_to, straight_legs, travel_field, traversability
 from agents.robot import Robot
 from comms.frames import Kind
 
-SILENT_S = 240.0
-"""A team-mate that was not heard for so long is taken for lost."""
 STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
 GOAL_M = 1.0
@@ -27,6 +28,8 @@ COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
 PATIENCE_S = 5.0
 """How often a robot that waits looks again."""
+ASK_AGAIN_S = 120.0
+"""A robot for which nothing is left to gain asks again so often, if its map has changed."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
 STAND_COST = 10.0
@@ -38,18 +41,48 @@ TRIES = 40
 async def explore(robot: Robot) -> None:
     """Map: look, localise, fuse, share, plan, move (Fig. 2), until no look is worth taking."""
     robot.set_activity("exploring")
-    for pan_rad in np.linspace(0.0, 2 * math.pi, 6, endpoint=False):
-        await robot.look(wrap_angle(float(pan_rad)), math.radians(-25.0))
-    while robot.looks < robot.settings.planner.max_looks:
-        plan = await robot.choose_look()
-        if plan is None:
-            break
-        await robot.travel(plan.path_m)
+    for pan_rad, tilt_rad in robot.mapper.first_looks:
+        await robot.look(wrap_angle(pan_rad), tilt_rad)
+    most = robot.settings.planner.max_looks
+    while robot.looks < most and (plan := await next_look(robot)) is not None:
+        arrived = await robot.travel(plan.path_m)
         if robot.is_lost:
             await take_bearing(robot)
-        await robot.look(wrap_angle(plan.heading_rad - robot.pose.yaw_rad), plan.tilt_rad)
-    robot.log.event("explored", f"after {robot.looks} looks no other look is worth its way")
+        ahead_rad = None if arrived else robot.mapper.halted()
+        pan_rad = wrap_angle(plan.heading_rad - robot.pose.yaw_rad)
+        await robot.look(pan_rad if ahead_rad is None else ahead_rad, plan.tilt_rad)
+    why = "no other look is worth its way" if robot.looks < most else "it may take no more"
+    robot.log.event("explored", f"after {robot.looks} looks {why}")
     await watch(robot)
+
+
+async def next_look(robot: Robot) -> NextLook | None:
+    """Return the next look, or None when nothing more can be gained.
+
+    What a team-mate said that it will look at is not worth a look. So as long as others explore,
+    it asks again: they show it new ways, or fall silent, and what they claimed is free again.
+    """
+    while (plan := await robot.choose_look()) is None and others_exploring(robot):
+        robot.set_activity("waiting")
+        asked_s, before = robot.now_s, others_exploring(robot)
+        while others_exploring(robot) == before:
+            if robot.now_s - asked_s > ASK_AGAIN_S and robot.map_changed_s > asked_s:
+                break
+            await asyncio.sleep(PATIENCE_S)
+    if plan is not None:
+        robot.set_activity("exploring")
+    return plan
+
+
+def others_exploring(robot: Robot) -> list[int]:
+    """Return the team-mates that map at present, as far as can be heard."""
+    return [
+        index
+        for index, mate in sorted(robot.mates.items())
+        if robot.settings.roles[index] in ("recon", "explorer")
+        and robot.now_s - mate.heard_s < SILENT_S
+        and ACTIVITIES[mate.status.activity] in ("starting", "exploring")
+    ]
 
 
 async def take_bearing(robot: Robot) -> None:
@@ -215,7 +248,7 @@ def _with_own_stand(robot: Robot) -> tuple[Floats, Floats]:
     No camera sees the ground that a robot stands on; its wheels tell its height.
     """
     fused = robot.team.fused()
-    elevation_m, sigma_m = fused.elevation_m.copy(), robot.team.relief_sigma_m().copy()
+    elevation_m, sigma_m = fused.elevation_m.copy(), relief_sigma_m(robot.team)
     under = _within(robot.settings.frame, robot.pose, 0.75 * robot.settings.drive.footprint_m)
     unseen = under & np.isnan(elevation_m)
     elevation_m[unseen] = robot.pose.z_m
@@ -276,14 +309,7 @@ def _nothing_more_to_come(robot: Robot) -> bool:
     """Say whether nobody maps any more, as far as can be heard, and the map stands still."""
     if robot.now_s - robot.map_changed_s < QUIET_S or robot.now_s < SILENT_S:
         return False
-    mapping = [
-        mate
-        for index, mate in robot.mates.items()
-        if robot.settings.roles[index] in ("recon", "explorer")
-        and robot.now_s - mate.heard_s < SILENT_S
-        and ACTIVITIES[mate.status.activity] in ("starting", "exploring")
-    ]
-    return not mapping
+    return not others_exploring(robot)
 
 
 def _length_m(path_m: Floats) -> float:

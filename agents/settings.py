@@ -15,10 +15,12 @@ Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class MapSettings(Settings):
-    """The elevation map and the tiles in which it travels."""
+    """The map and the tiles in which it travels."""
 
+    kind: Literal["elevation", "planar"] = "elevation"
+    """Heights of the ground (2.5-D), or which places of a floor are occupied (2-D)."""
     cell_m: Annotated[float, Field(ge=0.01, le=10)] = 0.1
-    """Cell size of every robot's map."""
+    """Cell size of every robot's elevation map; a planar one has `world.cell_m`."""
     tile_cells: Literal[16, 32, 64, 128] = 32
     """Side of the square tiles that are versioned and sent."""
     max_error_m: Annotated[float, Field(ge=0.001, le=1)] = 0.05

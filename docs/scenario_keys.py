@@ -10,10 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from agents.strategies import names as methods
 from comms.linksettings import AllLinks
 from comms.profiles import PROFILES, LinkProfile
-from scenarios.schema import Scenario
+from scenarios.schema import METHODS, Scenario
 
 PAGE = Path(__file__).with_name("scenarios.md")
 BEGIN, END = "<!-- keys: begin -->", "<!-- keys: end -->"
@@ -135,7 +134,7 @@ def _default(entry: dict[str, Any]) -> str:
 def _allowed(key: str, entry: dict[str, Any]) -> str:
     """Say in words what a key takes."""
     entry = next((e for e in entry.get("anyOf", ()) if e.get("type") != "null"), entry)
-    choices = methods() if key == "method" else entry.get("enum", ())
+    choices = _methods() if key == "method" else entry.get("enum", ())
     if "const" in entry:
         choices = (entry["const"],)
     if choices:
@@ -146,6 +145,10 @@ def _allowed(key: str, entry: dict[str, Any]) -> str:
         return head + _allowed("", several[0] if several else entry["items"])
     words = {"string": "text", "boolean": "true, false", "integer": "whole number"}
     return " ".join([words.get(entry["type"], "number"), *_limits(entry)])
+
+
+def _methods() -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name for names in METHODS.values() for name in names()))
 
 
 def _limits(entry: dict[str, Any]) -> list[str]:

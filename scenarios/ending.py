@@ -78,11 +78,9 @@ class Actor:
             state = "killed" if self.state == "killed" else "stopped"
         elif told is None:
             state = "left"
-        shape = tuple(told["shape"]) if told else None
-        maps = {
-            key: np.frombuffer(told[key], np.float32).reshape(shape) if told and shape else None
-            for key in ("elevation", "sigma")
-        }
+        shape = tuple(told["shape"]) if told else ()
+        grids = told["maps"] if told else {}
+        maps = {key: np.frombuffer(data, np.float32).reshape(shape) for key, data in grids.items()}
         return RobotFinal(
             name=self.name,
             state=state,
@@ -91,11 +89,13 @@ class Actor:
             digest=status.get("digest", ""),
             payload_bytes=status.get("payload_bytes", 0),
             distance_m=status.get("distance_m", 0.0),
+            hazards_hit=status.get("hazards", 0),
             received_bytes=status.get("received_bytes", 0),
             pose_error_rms_m=status.get("pose_error_rms_m"),
             dropped_frames=status.get("dropped", {}),
-            elevation_m=maps["elevation"],
-            sigma_m=maps["sigma"],
+            elevation_m=maps.get("elevation"),
+            sigma_m=maps.get("sigma"),
+            log_odds=maps.get("log_odds"),
         )
 
 

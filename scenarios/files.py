@@ -47,6 +47,7 @@ def place_files(tables: Tables, scenario: Path, changes: Sequence[Override]) -> 
 def _places(tables: Tables) -> Iterator[tuple[str, ...]]:
     """Yield the key, part by part, of all that may be a file's path."""
     yield ("world", "terrain", "file")
+    yield ("world", "map")
     yield ("links", "trace_file")
     for group in ("robots", "pairs"):
         for name in _table(tables, ("links", group)):

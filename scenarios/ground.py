@@ -73,7 +73,7 @@ def draw_ground(
     _draw_contours(axes, elevation_m, frame, scale)
     _draw_tethers(axes, ways)
     for way in ways:
-        _draw_way(axes, way)
+        draw_way(axes, way)
     if goal_m is not None:
         star: dict[str, Any] = {
             "color": "#ffe34d",
@@ -102,7 +102,8 @@ def _draw_contours(axes: "Axes", elevation_m: Singles, frame: GridFrame, scale: 
     axes.contour(east, north, heights, levels=levels, colors=INK, linewidths=0.5, alpha=0.3)
 
 
-def _draw_way(axes: "Axes", way: Way) -> None:
+def draw_way(axes: "Axes", way: Way) -> None:
+    """Draw a robot's way, where it looked from, and where it ended."""
     if len(way.track_m) == 0:
         return
     east, north = way.track_m[:, 0], way.track_m[:, 1]

@@ -15,11 +15,10 @@ import numpy as np
 
 from agents.briefing import AgentSettings
 from agents.disk import Disk
-from agents.geometry import Floats, Pose, Singles
+from agents.geometry import Floats, Pose
 from agents.ports import Exposure
 from agents.robot import Robot
 from agents.roles import ROLES
-from agents.teammap import Estimate
 from comms.air import Packet
 from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.dice import dice
@@ -27,6 +26,7 @@ from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
 from scenarios.notebook import LogFile, Notebook
 from scenarios.record import EventRow, LookRow, MapRow
 from scenarios.schema import Scenario
+from scenarios.scorers import scorer_of
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import ScaledLoop, VirtualLoop
 from sim.motion import Motions, Segment
@@ -55,7 +55,8 @@ class Host:
         self.status: dict[str, Any] = {}
         self._pose_errors: list[float] = []
         self._map_score: tuple[float, float | None, int, float, float] = (0.0, None, 0, 0.0, 0.0)
-        self._scored: Estimate | None = None
+        self._scored: object = None
+        self._scorer = scorer_of(plan.terrain)
         self._tasks: list[asyncio.Task[None]] = []
         disk = Disk(plan.folder / "robots" / self.name)
         life = disk.begin()
@@ -130,7 +131,7 @@ class Host:
             start_covariance=covariance,
             goal_m=self.plan.goal_m,
             method=scenario.method,
-            map=scenario.map,
+            map=scenario.map.model_copy(update={"cell_m": self.plan.terrain.frame.cell_m}),
             sensor=scenario.sensor,
             drive=scenario.drive,
             planner=scenario.planner,
@@ -166,8 +167,16 @@ class Host:
         row = LookRow(
             self.name, exposure.t_s, pose.x_m, pose.y_m, pose.z_m, exposure.pan_rad,
             exposure.tilt_rad, expected_cells, obtained_cells, new_cells, self.distance_m,
+            self._coverage(),
         )  # fmt: skip
         self.notebook.add(row, t_ns)
+
+    def _coverage(self) -> float:
+        """Return the share of the observable cells that its team map has."""
+        observable = self.plan.observable
+        done = self._scorer.done(self.robot.team.fused())
+        every = int(np.count_nonzero(observable))
+        return int(np.count_nonzero(done & observable)) / every if every else 0.0
 
     def event(self, what: str, detail: str = "") -> None:
         """Write down something that happened."""
@@ -213,8 +222,7 @@ class Host:
         heard = team.as_heard()
         if heard is not self._scored:
             self._scored = heard
-            bits = heard.information_bits(self.scenario.map.prior_sigma_m)
-            error_m = rmse_m(heard.elevation_m, self.plan.terrain.elevation_m)
+            bits, error_m = team.kind.bits(heard), self._scorer.error_m(heard)
             self._map_score = (bits, error_m, int(np.count_nonzero(heard.known)), *self._layers())
         bits, error_m, cells, own_bits, heard_bits = self._map_score
         own, known = self.robot.own.known_cells(), team.known_entries()
@@ -242,7 +250,7 @@ class Host:
 
     def _layers(self) -> tuple[float, float]:
         """Return the information of the own layer, and what is here of all others'."""
-        bits = self.robot.team.layer_bits(self.scenario.map.prior_sigma_m)
+        bits = self.robot.team.layer_bits()
         me = self.robot.me.robot
         own = sum(value for origin, value in bits.items() if origin.robot == me)
         return own, sum(bits.values()) - own
@@ -314,9 +322,11 @@ class Host:
         report.final = {
             **status,
             "lags_s": [lag / speed for lag in self.air.lags_s],
-            "elevation": heard.elevation_m.astype(np.float32).tobytes(),
-            "sigma": np.sqrt(heard.variance_m2).astype(np.float32).tobytes(),
-            "shape": list(heard.elevation_m.shape),
+            "maps": {
+                name: values.astype(np.float32).tobytes()
+                for name, values in self._scorer.grids(heard).items()
+            },
+            "shape": list(self.plan.terrain.frame.shape),
         }
         self.notebook.log.close()
         return report
@@ -368,13 +378,6 @@ def believed_start(scenario: Scenario, starts: dict[str, Pose], name: str) -> tu
 
 def _length_m(start: Pose, end: Pose) -> float:
     return math.hypot(end.x_m - start.x_m, end.y_m - start.y_m, end.z_m - start.z_m)
-
-
-def rmse_m(elevation_m: Floats, truth_m: Singles) -> float | None:
-    """Return the root mean square elevation error over the cells that both know."""
-    errors = elevation_m - truth_m
-    errors = errors[np.isfinite(errors)]
-    return float(np.sqrt(np.mean(errors**2))) if errors.size else None
 
 
 def rms(values: list[float]) -> float | None:

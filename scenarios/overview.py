@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.geometry import Floats, GridFrame
+from agents.geometry import Floats, GridFrame, Singles
 from scenarios.charts import draw_bytes_by_robot, draw_bytes_over_time, draw_information
+from scenarios.floor import draw_floor, show_floor
 from scenarios.ground import Scale, Way, draw_ground, scale_of, show_map, show_robot
 from scenarios.palette import INK, MUTED, robot_colours
+from scenarios.planarscore import PlanarTruth, score_floor
 from scenarios.record import Records
 from scenarios.summary import RobotFinal, Truth, score
 
@@ -50,7 +52,7 @@ class Overview:
     """As `summary.json` has it."""
     frame: GridFrame
     """Of the truth and of all robots' maps."""
-    truth: Truth
+    truth: Truth | PlanarTruth
     robots: Sequence[RobotFinal]
     records: Records
     tracks_m: Mapping[str, Floats] = field(default_factory=dict[str, Floats])
@@ -125,8 +127,13 @@ def _draw_maps(figure: "SubFigure", overview: Overview) -> None:
     width = 0.47 * columns if len(ways) > 1 else 1.0
     parts: Any = figure.subfigures(1, 2, width_ratios=[1.15, width])
     left, right = parts
-    draw_ground(left, overview.truth.elevation_m, overview.frame, _ways(overview), overview.goal_m)
-    scale = scale_of(overview.truth.elevation_m)
+    truth, frame = overview.truth, overview.frame
+    if isinstance(truth, PlanarTruth):
+        draw_floor(left, truth.solid, truth.observable, frame, _ways(overview))
+        scale = None
+    else:
+        draw_ground(left, truth.elevation_m, frame, _ways(overview), overview.goal_m)
+        scale = scale_of(truth.elevation_m)
     panels: list[Axes] = list(np.ravel(right.subplots(min(2, len(ways)), columns)))
     for axes in panels[len(ways) :]:
         axes.set_axis_off()
@@ -137,12 +144,15 @@ def _draw_maps(figure: "SubFigure", overview: Overview) -> None:
 
 
 def _draw_robot_map(
-    axes: "Axes", overview: Overview, robot: RobotFinal, way: Way, scale: Scale
+    axes: "Axes", overview: Overview, robot: RobotFinal, way: Way, scale: Scale | None
 ) -> None:
     frame = overview.frame
-    nothing = np.full(frame.shape, np.nan, np.float32)
-    elevation_m = nothing if robot.elevation_m is None else robot.elevation_m
-    show_map(axes, elevation_m, frame, scale)
+    kept = robot.elevation_m if scale else robot.log_odds
+    values = np.full(frame.shape, np.nan, np.float32) if kept is None else kept
+    if scale:
+        show_map(axes, values, frame, scale)
+    else:
+        show_floor(axes, values, frame)
     axes.set_xticks([])
     axes.set_yticks([])
     axes.spines[:].set_visible(False)
@@ -150,17 +160,27 @@ def _draw_robot_map(
     axes.set_title(f"Map of {robot.name}{state}", color=way.colour)
     small = 8.5 if len(overview.robots) > 4 else 10.5
     axes.set_xlabel(map_facts(robot, overview.truth), fontsize=small, loc="left")
-    if not np.isfinite(elevation_m).any():
+    if not np.isfinite(values).any():
         centre: dict[str, Any] = {"ha": "center", "va": "center", "transform": axes.transAxes}
-        words = "no map at the end" if robot.elevation_m is None else "knows nothing"
+        words = "no map at the end" if kept is None else "knows nothing"
         axes.text(0.5, 0.5, words, color=INK, fontsize=12, **centre)
     show_robot(axes, way, size=9)
 
 
-def map_facts(robot: RobotFinal, truth: Truth) -> str:
+def map_facts(robot: RobotFinal, truth: Truth | PlanarTruth) -> str:
     """Return how much a robot knows and how well, in a few words."""
+    if isinstance(truth, PlanarTruth):
+        return "" if robot.log_odds is None else _floor_facts(robot.log_odds, truth)
     if robot.elevation_m is None:
         return ""
     result = score(robot.elevation_m, truth)
     known = f"{100 * result.coverage:.0f} % of what can be seen"
     return known if result.rmse_m is None else f"{known}, {100 * result.rmse_m:.1f} cm rms"
+
+
+def _floor_facts(log_odds: Singles, truth: PlanarTruth) -> str:
+    result = score_floor(log_odds, truth)
+    known = f"{100 * result.coverage:.0f} % of what can be seen"
+    if result.mapped_cells == 0:
+        return known
+    return f"{known}, {100 * result.wrong_cells / result.mapped_cells:.1f} % of that wrong"

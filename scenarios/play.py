@@ -174,6 +174,7 @@ class Play(ABC):
             scenario=self.scenario,
             name=name,
             terrain=self.stage.terrain,
+            observable=self.stage.truth.observable,
             starts=self.stage.starts,
             goal_m=self.stage.goal_m,
             folder=self.out,

@@ -41,6 +41,8 @@ class LookRow:
     obtained_cells: int
     new_cells: int
     distance_m: float
+    coverage: float
+    """Share of the observable cells that its team map has after this look."""
 
 
 @dataclass(frozen=True, slots=True)

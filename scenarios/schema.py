@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Literal, Self, cast
 
 import tomli_w
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from agents import planar, strategies
 from agents.settings import (
     DriveSettings,
     MapSettings,
@@ -19,7 +20,7 @@ from agents.settings import (
     SharingSettings,
     TetherSettings,
 )
-from agents.strategies import names as methods
+from agents.sharing import POLICIES, way
 from comms.linksettings import LinkChange, TeamLinks
 from comms.profiles import tightest_turn_ns
 from comms.settings import Settings
@@ -92,16 +93,10 @@ class Scenario(Settings):
     """By name; in a file also `count` (and `role`) for explorer-1, explorer-2 ..."""
     events: tuple[Event, ...] = ()
 
-    @field_validator("method")
-    @classmethod
-    def _known_method(cls, method: str) -> str:
-        if method not in methods():
-            raise ValueError(f"must be one of {', '.join(methods())}")
-        return method
-
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        refuse([*_check_team(self), *_check_links(self), *_check_numbers(self)])
+        checks = (_check_team, _check_links, _check_numbers, _check_map)
+        refuse([conflict for check in checks for conflict in check(self)])
         joins_s = {name: robot.join_s or 0.0 for name, robot in self.robots.items()}
         refuse(check_events(self.events, joins_s, self.limit_s))
         refuse(_check_turns(self))
@@ -209,6 +204,39 @@ def _check_numbers(scenario: Scenario) -> list[Conflict]:
     if sensor.near_m >= sensor.range_m:
         sentence = f"must be below sensor.range_m = {plain(sensor.range_m)}"
         conflicts.append(Conflict("sensor.near_m", sensor.near_m, sentence))
+    return conflicts
+
+
+METHODS = {"elevation": strategies.names, "planar": planar.names}
+"""The names of the methods, by kind of map."""
+
+
+def _check_map(scenario: Scenario) -> list[Conflict]:
+    kind, world = scenario.map.kind, scenario.world
+    allowed = METHODS[kind]()
+    conflicts: list[Conflict] = []
+    if scenario.method not in allowed:
+        sentence = f"must be one of {', '.join(allowed)}"
+        conflicts.append(Conflict("method", scenario.method, sentence))
+    if kind != "planar":
+        if world.map:
+            sentence = 'is a floor: it needs map.kind = "planar"'
+            conflicts.append(Conflict("world.map", world.map, sentence))
+        return conflicts
+    roles = [robot.role for robot in scenario.robots.values()]
+    if not all(role in MAPPERS for role in roles):
+        sentence = f"on a planar map every robot must be one of {', '.join(MAPPERS)}"
+        conflicts.append(Conflict("robots", roles, sentence))
+    if kind not in way(scenario.sharing.policy).payloads:
+        fit = [name for name, one in POLICIES.items() if kind in one.payloads]
+        sentence = f"sends no planar maps; must be one of {', '.join(fit)}"
+        conflicts.append(Conflict("sharing.policy", scenario.sharing.policy, sentence))
+    if world.terrain.file:
+        sentence = "is ground: a planar map needs a floor, world.map or none"
+        conflicts.append(Conflict("world.terrain.file", world.terrain.file, sentence))
+    if not world.map and world.window_m[0] != world.window_m[1]:
+        sentence = "a made-up floor is a square: both sides must be equal"
+        conflicts.append(Conflict("world.window_m", list(world.window_m), sentence))
     return conflicts
 
 

@@ -1,18 +1,22 @@
 """What stands before the first robot moves: the ground, where everybody starts, where to go."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from agents.geometry import Bools, Floats, Pose
 from scenarios.dice import dice
+from scenarios.planarscore import PlanarTruth
 from scenarios.schema import MAPPERS, Scenario
 from scenarios.summary import Truth
 from sim.camera import observable_cells, reachable_positions
 from sim.errors import WorldError
 from sim.ground import Footing, Terrain
+from sim.planar import place_explorers, stands_free
+from sim.planar_world import PlanarWorld, load_map, made_up, observable
 from sim.terrain import descent_goal, make_terrain, place_team
 
 LATTICE_M = 2.0
@@ -24,40 +28,51 @@ class Stage:
     """The world of one run at its start."""
 
     scenario: Scenario
-    terrain: Terrain
+    terrain: Terrain | PlanarWorld
     starts: dict[str, Pose]
     """True start poses, by robot."""
     goal_m: tuple[float, float] | None
 
     @cached_property
-    def truth(self) -> Truth:
-        """The ground, and which cells the team's mappers could see from where they can drive."""
+    def truth(self) -> Truth | PlanarTruth:
+        """The world, and which cells the team's mappers could see from where they can drive."""
+        terrain, sensor = self.terrain, self.scenario.sensor
+        if isinstance(terrain, PlanarWorld):
+            seen = observable(terrain, sensor, self.scenario.drive.footprint_m)
+            return PlanarTruth(terrain.solid, seen)
+        return self._truth_of_ground(terrain)
+
+    def _truth_of_ground(self, terrain: Terrain) -> Truth:
         scenario, drive, sensor = self.scenario, self.scenario.drive, self.scenario.sensor
-        seen: Bools = np.zeros(self.terrain.frame.shape, dtype=bool)
+        seen: Bools = np.zeros(terrain.frame.shape, dtype=bool)
         done: list[Floats] = []
         for name, robot in scenario.robots.items():
             if robot.role not in MAPPERS:
                 continue
             start = (self.starts[name].x_m, self.starts[name].y_m)
             places = reachable_positions(
-                self.terrain, start, drive.max_slope_deg, drive.footprint_m, LATTICE_M
+                terrain, start, drive.max_slope_deg, drive.footprint_m, LATTICE_M
             )
             if any(len(p) == len(places) and np.array_equal(p[1:], places[1:]) for p in done):
                 places = places[:1]  # the same ground as another's, but for the start
             done.append(places)
             seen |= observable_cells(
-                self.terrain, places, sensor.height_m, sensor.range_m, sensor.near_m
+                terrain, places, sensor.height_m, sensor.range_m, sensor.near_m
             )
-        return Truth(self.terrain.elevation_m, seen)
+        return Truth(terrain.elevation_m, seen)
 
 
 def set_stage(scenario: Scenario) -> Stage:
-    """Make or read the ground, and place the team on it.
+    """Make or read the ground (or the floor), and place the team on it.
 
     Raises:
-        WorldError: the terrain file is bad, or has no room for the team.
+        WorldError: the file is bad, or has no room for the team.
 
     """
+    return _floor(scenario) if scenario.map.kind == "planar" else _ground(scenario)
+
+
+def _ground(scenario: Scenario) -> Stage:
     first = next(iter(scenario.robots))
     roles = [robot.role for robot in scenario.robots.values()]
     footprint_m = scenario.drive.footprint_m
@@ -90,3 +105,36 @@ def _standing(terrain: Terrain, x_m: float, y_m: float, yaw_rad: float, footprin
             f"x {west:g} to {east:g} and from y {south:g} to {north:g} m"
         )
     return Pose(x_m, y_m, z_m, yaw_rad)
+
+
+def _floor(scenario: Scenario) -> Stage:
+    """Make or read a floor, and place the team on it: the first robot's start is the team's."""
+    world, first = _walls(scenario), next(iter(scenario.robots))
+    footprint_m = scenario.drive.footprint_m
+    poses = place_explorers(world, len(scenario.robots), footprint_m, dice(scenario, first, "team"))
+    starts = dict(zip(scenario.robots, poses, strict=True))
+    for name, robot in scenario.robots.items():
+        if robot.start is not None:
+            x_m, y_m, yaw_deg = robot.start
+            if not stands_free(world, x_m, y_m, footprint_m):
+                raise WorldError(
+                    f"{name} would start at x {x_m:g}, y {y_m:g} m, which is not free for a robot"
+                    f" of drive.footprint_m {footprint_m:g}; must be a free place of the floor"
+                )
+            starts[name] = Pose(x_m, y_m, 0.0, math.radians(yaw_deg))
+    begin = starts[first]
+    world = replace(world, start=world.frame.cell_of(begin.x_m, begin.y_m))
+    return Stage(scenario, world, starts, None)
+
+
+def _walls(scenario: Scenario) -> PlanarWorld:
+    settings, footprint_m = scenario.world, scenario.drive.footprint_m
+    if settings.map:
+        return load_map(Path(settings.map), cell_m=settings.cell_m, footprint_m=footprint_m)
+    return made_up(
+        dice(scenario, next(iter(scenario.robots)), "terrain"),
+        side_m=settings.window_m[0],
+        cell_m=settings.cell_m,
+        solid_share=settings.obstacle_share,
+        footprint_m=footprint_m,
+    )

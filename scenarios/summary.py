@@ -15,6 +15,7 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from agents.geometry import Bools, Floats, Singles
+from scenarios.planarscore import PlanarTruth, score_floor, union_floor
 from scenarios.record import Records, write_atomic
 from scenarios.schema import Scenario
 
@@ -48,8 +49,12 @@ class RobotFinal:
     """Team map (H, W), row 0 south, NaN unknown; None: it has none."""
     sigma_m: Singles | None = None
     """Standard deviation (H, W) of the team map's cells."""
+    log_odds: Singles | None = None
+    """Planar team map (H, W) instead, row 0 south, NaN unknown; None: it has none."""
     payload_bytes: int = 0
     """Of the newest versions in its replicated store."""
+    hazards_hit: int = 0
+    """Rocks and steps that it came onto, or walls that it ran into."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +142,7 @@ def summarise(
     scenario: Scenario,
     records: Records,
     robots: Sequence[RobotFinal],
-    truth: Truth,
+    truth: Truth | PlanarTruth,
     ending: Ending,
 ) -> dict[str, Any]:
     """Return what `summary.json` holds.
@@ -191,20 +196,39 @@ def _knowledge(robot: RobotFinal) -> dict[str, Any]:
         "team_map_digest": robot.digest,
         "map_payload_bytes": robot.payload_bytes,
         "pose_error_rms_m": robot.pose_error_rms_m,
+        "hazards_hit": robot.hazards_hit,
     }
 
 
-def _team(robots: Sequence[RobotFinal], truth: Truth) -> dict[str, Any]:
+def _team(robots: Sequence[RobotFinal], truth: Truth | PlanarTruth) -> dict[str, Any]:
     team = survivors(robots)
+    return {
+        "observable_cells": int(truth.observable.sum()),
+        **(_of_floor(team, truth) if isinstance(truth, PlanarTruth) else _of_ground(team, truth)),
+        "maps_equal": len({robot.digest for robot in team}) == 1,
+    }
+
+
+def _of_ground(team: Sequence[RobotFinal], truth: Truth) -> dict[str, Any]:
     shape = (truth.elevation_m.shape[0], truth.elevation_m.shape[1])
     result = score(union_map(team, shape), truth)
     return {
-        "observable_cells": int(truth.observable.sum()),
         "mapped_cells": result.mapped_cells,
         "coverage": result.coverage,
         "elevation_rmse_m": result.rmse_m,
         "elevation_error_p95_m": result.p95_m,
-        "maps_equal": len({robot.digest for robot in team}) == 1,
+    }
+
+
+def _of_floor(team: Sequence[RobotFinal], truth: PlanarTruth) -> dict[str, Any]:
+    maps = [robot.log_odds for robot in team if robot.log_odds is not None]
+    result = score_floor(union_floor(maps, truth.solid.shape), truth)
+    return {
+        "mapped_cells": result.mapped_cells,
+        "coverage": result.coverage,
+        "wrong_cells": result.wrong_cells,
+        "elevation_rmse_m": None,
+        "elevation_error_p95_m": None,
     }
 
 

@@ -6,9 +6,10 @@ from typing import Any, cast
 
 import msgpack
 
-from agents.geometry import Pose
+from agents.geometry import Bools, Pose
 from scenarios.schema import Scenario
 from sim.ground import Terrain
+from sim.planar_world import PlanarWorld
 
 Pack = dict[str, Any]
 
@@ -19,7 +20,9 @@ class Plan:
 
     scenario: Scenario
     name: str
-    terrain: Terrain
+    terrain: Terrain | PlanarWorld
+    observable: Bools
+    """(rows, cols) of the cells that the team could see from where it can stand."""
     starts: dict[str, Pose]
     """True start poses of the whole team."""
     goal_m: tuple[float, float] | None

@@ -7,6 +7,8 @@ import numpy as np
 from agents.geometry import Floats, Pose
 from sim.ground import Terrain
 from sim.motion import Motions
+from sim.planar import PlanarScene
+from sim.planar_world import PlanarWorld
 from sim.scene import Scene
 
 
@@ -17,11 +19,13 @@ class Propagation:
     here no sooner, and so one process and many see the same.
     """
 
-    def __init__(self, me: str, motions: Motions, terrain: Terrain, delay_ns: int) -> None:
-        """Take the robot that hears, everybody's motion, and the true ground."""
+    def __init__(
+        self, me: str, motions: Motions, world: Terrain | PlanarWorld, delay_ns: int
+    ) -> None:
+        """Take the robot that hears, everybody's motion, and the true ground or floor."""
         self._me = me
         self._motions = motions
-        self._terrain = terrain
+        self._world = world
         self._delay_ns = delay_ns
         self._known: dict[str, tuple[tuple[Pose, Pose, float, float], bool]] = {}
 
@@ -31,7 +35,7 @@ class Propagation:
         return None if ends is None else ends[0].distance_m(ends[1])
 
     def hides(self, sender: str, t_ns: int, antenna_m: float, mate_antenna_m: float) -> bool:
-        """Say whether ground cuts the straight line from a sender's antenna to this robot's.
+        """Say whether ground or a wall cuts the straight line between the antennas of two robots.
 
         Unknown ground, and all beyond the window, hides nothing.
         """
@@ -51,9 +55,10 @@ class Propagation:
         return None if theirs is None or mine is None else (theirs, mine)
 
     @cached_property
-    def _scene(self) -> Scene:
+    def _scene(self) -> Scene | PlanarScene:
         """Made when it is first needed: most links have no need of it."""
-        return Scene(self._terrain)
+        world = self._world
+        return PlanarScene(world) if isinstance(world, PlanarWorld) else Scene(world)
 
     def _hidden(self, theirs: Pose, mine: Pose, antenna_m: float, mate_antenna_m: float) -> bool:
         """Ask from the same end whoever asks, so that sight is mutual to the last bit."""

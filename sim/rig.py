@@ -12,6 +12,8 @@ from agents.settings import DriveSettings, SensorSettings, TetherSettings
 from sim.camera import RangeCamera
 from sim.ground import Terrain
 from sim.motion import Motions, Segment
+from sim.planar import PlanarBody, PlanarCamera
+from sim.planar_world import PlanarWorld
 from sim.rover import RoverBody
 from sim.tethered import TetheredBody
 from sim.winch import SimWinch
@@ -35,7 +37,7 @@ def make_rig(
     name: str,
     roles: dict[str, str],
     *,
-    terrain: Terrain,
+    terrain: Terrain | PlanarWorld,
     motions: Motions,
     publish: Callable[[Segment], None],
     delay_ns: int,
@@ -66,6 +68,11 @@ def make_rig(
         held = [(motions.pose_at(a, seen_ns), motions.tether_at(a, seen_ns)) for a in anchors]
         return [(pose, length_m) for pose, length_m in held if pose is not None and length_m > 0]
 
+    if isinstance(terrain, PlanarWorld):
+        on_floor = PlanarBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
+        planar = PlanarCamera(terrain, sensor, on_floor.pose_now, camera_rng)
+        hardware = Hardware(body=on_floor, camera=planar)
+        return Rig(hardware, delay_ns, lambda: on_floor.hazards_hit)
     if role == "cliffbot":
         body = TetheredBody(
             name, terrain, drive, start, publish, body_rng, tethers=tethers, start_ns=start_ns

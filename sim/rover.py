@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -44,16 +45,15 @@ def _no_tether(_t_ns: int) -> float:
     return 0.0
 
 
-class RoverBody:
-    """`agents.ports.Body` of an untethered rover: halts where the ground gets too steep for it.
+class WheeledBody(ABC):
+    """`agents.ports.Body` of anything on four wheels; what it stands on says how far it gets.
 
-    `hazards_hit` counts how often its circle came onto a rock or a step (`sim.ground.hazard_mask`).
+    `hazards_hit` counts how often it met what it should not have met.
     """
 
     def __init__(
         self,
         name: str,
-        terrain: Terrain,
         drive: DriveSettings,
         start: Pose,
         publish: Publish,
@@ -68,7 +68,6 @@ class RoverBody:
         """
         self.name = name
         self.hazards_hit = 0
-        self.footing = Footing(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
         self._drive = drive
         self._publish = publish
         self._rng = rng
@@ -160,33 +159,22 @@ class RoverBody:
             driven_m = way_m
         return track, driven_m, ""
 
+    @abstractmethod
     def _refusal(self, here: Pose, there: Pose) -> str:
-        """Say why a step can't be made, or nothing. A step to easier ground always can."""
-        cell = self.footing.cell(there.x_m, there.y_m)
-        if cell is None:
-            return "window's border"
-        slope = float(self.footing.slope_deg[cell])
-        if slope > self._drive.max_slope_deg and slope > self._slope_deg(here):
-            return "too steep"
-        return ""
+        """Say why a step can't be made, or nothing."""
 
-    def _slope_deg(self, pose: Pose) -> float:
-        cell = self.footing.cell(pose.x_m, pose.y_m)
-        return 0.0 if cell is None else float(self.footing.slope_deg[cell])
+    @abstractmethod
+    def _grounded(self, pose: Pose) -> Pose:
+        """Put a pose on the ground."""
+
+    @abstractmethod
+    def _touches(self, pose: Pose) -> bool:
+        """Say whether the robot stands on something that it should not meet."""
 
     def _span_ns(self, a: Pose, b: Pose) -> int:
         """Return the time from one pose to the next, by the way over the ground."""
         way_m = math.hypot(b.x_m - a.x_m, b.y_m - a.y_m, b.z_m - a.z_m)
         return from_s(way_m / self._drive.speed_mps)
-
-    def _grounded(self, pose: Pose) -> Pose:
-        """Put a pose on the ground, as the footprint's circle meets it."""
-        z_m = self.footing.ground_m(pose.x_m, pose.y_m)
-        return pose if math.isnan(z_m) else replace(pose, z_m=z_m)
-
-    def _touches(self, pose: Pose) -> bool:
-        cell = self.footing.cell(pose.x_m, pose.y_m)
-        return cell is not None and bool(self.footing.contact[cell])
 
     def _touch(self, pose: Pose) -> None:
         """Count a hazard when the robot comes onto it, not while it stays on it."""
@@ -205,3 +193,49 @@ class RoverBody:
         t_ns = now_ns()
         pose = self.pose_at(t_ns)
         self._emit(t_ns, t_ns, pose, pose, "halt")
+
+
+class RoverBody(WheeledBody):
+    """An untethered rover on rough ground: halts where that gets too steep for it.
+
+    `hazards_hit` counts how often its circle came onto a rock or a step (`sim.ground.hazard_mask`).
+    """
+
+    def __init__(
+        self,
+        name: str,
+        terrain: Terrain,
+        drive: DriveSettings,
+        start: Pose,
+        publish: Publish,
+        rng: np.random.Generator,
+        *,
+        start_ns: int = 0,
+        tether_now: Callable[[int], float] = _no_tether,
+    ) -> None:
+        """Stand at a start pose, and publish that; see `WheeledBody`."""
+        self.footing = Footing(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
+        super().__init__(name, drive, start, publish, rng, start_ns=start_ns, tether_now=tether_now)
+
+    def _refusal(self, here: Pose, there: Pose) -> str:
+        """Say why a step can't be made, or nothing. A step to easier ground always can."""
+        cell = self.footing.cell(there.x_m, there.y_m)
+        if cell is None:
+            return "window's border"
+        slope = float(self.footing.slope_deg[cell])
+        if slope > self._drive.max_slope_deg and slope > self._slope_deg(here):
+            return "too steep"
+        return ""
+
+    def _slope_deg(self, pose: Pose) -> float:
+        cell = self.footing.cell(pose.x_m, pose.y_m)
+        return 0.0 if cell is None else float(self.footing.slope_deg[cell])
+
+    def _grounded(self, pose: Pose) -> Pose:
+        """Put a pose on the ground, as the footprint's circle meets it."""
+        z_m = self.footing.ground_m(pose.x_m, pose.y_m)
+        return pose if math.isnan(z_m) else replace(pose, z_m=z_m)
+
+    def _touches(self, pose: Pose) -> bool:
+        cell = self.footing.cell(pose.x_m, pose.y_m)
+        return cell is not None and bool(self.footing.contact[cell])

@@ -67,8 +67,16 @@ class TerrainSettings(Settings):
 
 
 class WorldSettings(Settings):
-    """The part of the world that is simulated."""
+    """The part of the world that is simulated: ground, or the floor of a building."""
 
     terrain: TerrainSettings = TerrainSettings()
     window_m: Annotated[tuple[Metres, Metres], Field(strict=False)] = (32.0, 32.0)
-    """Width (east) and height (north) of the window."""
+    """Width (east) and height (north) of the window; a made-up floor is a square."""
+    map: str = ""
+    """A building's floor for planar maps: a map_server yaml, which names its image. What is unknown
+    there counts as solid. Left out, a floor is made up from the seed."""
+    cell_m: Annotated[float, Field(ge=0.05, le=10)] = 0.4
+    """Cell size of a floor, and of the planar maps of it; a cell is free where the mean of its
+    block of the image is at least 192 of 254."""
+    obstacle_share: Annotated[float, Field(ge=0, le=0.5)] = 0.15
+    """Share of a made-up floor that is solid."""

@@ -8,7 +8,8 @@ from team_helpers import FRAME, MAX_ERROR_M, SURE
 from agents.briefing import AgentSettings
 from agents.disk import Disk
 from agents.geometry import Pose
-from agents.layers import LookCells
+from agents.maps.elevationlook import LookCells
+from agents.maps.planarlook import LookOdds
 from agents.messages import unpack_chunks
 from agents.ports import Hardware
 from agents.robot import Robot
@@ -42,7 +43,7 @@ class Log:
         return [detail for event, detail in self.events if event == what]
 
 
-def settings_of(index: int) -> AgentSettings:
+def settings_of(index: int, kind: str = "elevation") -> AgentSettings:
     return AgentSettings(
         name=ROSTER[index],
         index=index,
@@ -52,8 +53,8 @@ def settings_of(index: int) -> AgentSettings:
         start=START,
         start_covariance=SURE,
         goal_m=None,
-        method="information-interest",
-        map=MapSettings(cell_m=FRAME.cell_m, tile_cells=16, max_error_m=MAX_ERROR_M),
+        method="information-interest" if kind == "elevation" else "information",
+        map=MapSettings(kind=kind, cell_m=FRAME.cell_m, tile_cells=16, max_error_m=MAX_ERROR_M),
         sensor=SensorSettings(),
         drive=DriveSettings(),
         planner=PlannerSettings(),
@@ -62,11 +63,11 @@ def settings_of(index: int) -> AgentSettings:
     )
 
 
-def robot_on(folder: Path, index: int = 0) -> Robot:
+def robot_on(folder: Path, index: int = 0, kind: str = "elevation") -> Robot:
     """Start a robot, in its next life where the folder knows a former one."""
     disk = Disk(folder)
     disk.begin()
-    return Robot(settings_of(index), Hardware(), disk, Log(), np.random.default_rng(0))
+    return Robot(settings_of(index, kind), Hardware(), disk, Log(), np.random.default_rng(0))
 
 
 def log_of(robot: Robot) -> Log:
@@ -86,8 +87,8 @@ def hear(
     robot.on_frame(Frame(sender, life, seq, kind, payload), round(t_s * NS))
 
 
-def measure(robot: Robot, cells: LookCells) -> None:
-    """Take in one look, as `Robot.fuse` does once its points are binned."""
+def measure(robot: Robot, cells: LookCells | LookOdds) -> None:
+    """Take in one look, as a mapper does once its points are binned."""
     if not robot.own.submaps:
         robot.own.begin_submap(robot.pose, robot.filter.covariance)
     robot.own.submaps[-1].observe(cells)

@@ -1,11 +1,16 @@
 """Small maps and robots without radio or clock, for the laws of layers, stores and sharing."""
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
 from agents.geometry import Floats, GridFrame, Pose
-from agents.layers import LookCells, OwnLayer, Submap
+from agents.layers import OwnLayer
+from agents.maps.elevation import Submap
+from agents.maps.elevationlook import LookCells
+from agents.maps.planar import PlanarKind, PlanarSubmap
+from agents.maps.planarlook import LookOdds
 from agents.settings import MapSettings, SharingSettings
 from agents.sharing import Desk, Policy, way
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
@@ -38,24 +43,57 @@ def look(rng: np.random.Generator, sigma_m: float | None = None) -> LookCells:
     return LookCells(rows, cols, truth_m()[rows, cols] + noise, sigma**2)
 
 
-def layer(rng: np.random.Generator, looks: int = 3, submaps: int = 1) -> OwnLayer:
-    own = OwnLayer(FRAME)
+def walls() -> np.ndarray:
+    rows, cols = np.indices(FRAME.shape)
+    return (rows // 5 + cols // 4) % 3 == 0
+
+
+def planar_look(rng: np.random.Generator) -> LookOdds:
+    """Measure a random rectangle of a floor, with holes; always truly, now more and now less so."""
+    rows, cols, _, _ = vars(look(rng)).values()
+    size = rng.uniform(0.3, 1.5, rows.size)
+    return LookOdds(rows, cols, np.where(walls()[rows, cols], size, -size))
+
+
+LOOKS = {"elevation": look, "planar": planar_look}
+SUBMAPS: dict[str, Any] = {"elevation": Submap, "planar": PlanarSubmap}
+KINDS = tuple(LOOKS)
+
+
+def certainty(estimate: Any) -> np.ndarray:
+    """Return how sure an estimate is of each cell: what adds up over independent looks."""
+    if hasattr(estimate, "log_odds"):
+        return np.abs(estimate.log_odds)
+    return 1.0 / estimate.variance_m2
+
+
+def certainty_of(look: Any) -> np.ndarray:
+    """Return the same of one look's cells."""
+    return np.abs(look.log_odds) if isinstance(look, LookOdds) else 1.0 / look.variance_m2
+
+
+def layer(
+    rng: np.random.Generator, looks: int = 3, submaps: int = 1, kind: str = "elevation"
+) -> OwnLayer[Any]:
+    own = OwnLayer(FRAME, SUBMAPS[kind])
     for index in range(submaps):
         turned = Pose(START.x_m + index, START.y_m, START.z_m, START.yaw_rad)
         own.begin_submap(turned, SURE * (1 + 10 * index))
         for _ in range(looks):
-            own.submaps[-1].observe(look(rng))
+            own.submaps[-1].observe(LOOKS[kind](rng))
     return own
 
 
-def payload_of(submap: Submap, tile: int) -> bytes:
+def payload_of(submap: Any, tile: int) -> bytes:
+    if isinstance(submap, PlanarSubmap):
+        return PlanarKind().encode(submap, GRID.window(tile)).data
     elevation, variance = submap.estimate(GRID.window(tile))
     known = np.isfinite(variance)
     sigma = np.sqrt(np.where(known, variance, 0.0))
     return encode_tile(elevation, known, sigma, MAX_ERROR_M).data
 
 
-def chunks_of(own: OwnLayer, origin: Origin, version: int = 1) -> list[Chunk]:
+def chunks_of(own: OwnLayer[Any], origin: Origin, version: int = 1) -> list[Chunk]:
     """Publish a whole layer."""
     chunks: list[Chunk] = []
     for index, submap in enumerate(own.submaps):
@@ -74,34 +112,38 @@ def cut(chunk: Chunk, size: int) -> list[Chunk]:
 
 
 def team_map(
-    me: Origin, own: OwnLayer | None = None, store: Store | None = None, policy: str = "value"
-) -> TeamMap:
+    me: Origin,
+    own: OwnLayer[Any] | None = None,
+    store: Store | None = None,
+    policy: str = "value",
+    kind: str = "elevation",
+) -> TeamMap[Any, Any]:
     chosen = way(policy)
     grid = TileGrid(FRAME, max(FRAME.shape)) if chosen.whole_map else GRID
-    own = own or OwnLayer(FRAME)
-    return TeamMap(grid, store or Store(), own, me, MAX_ERROR_M, chosen.payloads())
+    own = own or OwnLayer(FRAME, SUBMAPS[kind])
+    cells = MapSettings(kind=kind, max_error_m=MAX_ERROR_M)
+    return TeamMap(grid, store or Store(), own, me, chosen.kind(cells))
 
 
-def hear(team: TeamMap, chunks: Iterable[Chunk]) -> None:
+def hear(team: TeamMap[Any, Any], chunks: Iterable[Chunk]) -> None:
     for chunk in chunks:
         if team.store.offer(chunk):
             team.tile_changed(chunk.key)
 
 
-def hear_anchors(team: TeamMap, own: OwnLayer, origin: Origin) -> None:
+def hear_anchors(team: TeamMap[Any, Any], own: OwnLayer[Any], origin: Origin) -> None:
     for index, submap in enumerate(own.submaps):
         if team.store.offer_anchor(AnchorKey(*origin, index), submap.anchor):
             team.own_changed()
 
 
 def sharing(
-    team: TeamMap,
+    team: TeamMap[Any, Any],
     team_size: int,
     journal: list[Chunk] | None = None,
     settings: SharingSettings | None = None,
 ) -> Policy:
     kept: list[Chunk] = [] if journal is None else journal
     chosen = settings or SharingSettings()
-    cells = MapSettings(cell_m=FRAME.cell_m, tile_cells=16, max_error_m=MAX_ERROR_M)
-    desk = Desk(chosen, cells, team.me, team_size, team, kept.append)
+    desk = Desk(chosen, team.me, team_size, team, kept.append)
     return way(chosen.policy).policy(desk)

@@ -12,10 +12,12 @@ from team_helpers import FRAME, chunks_of, layer
 from agents.disk import Disk, DiskError
 from agents.geometry import Floats, Pose
 from agents.layers import Anchor, OwnLayer
+from agents.maps.elevation import ElevationKind, Submap
 from agents.store import AnchorKey, Chunk, Origin, TileKey
 
 POSE = Pose(1.25, -2.5, 0.125, 0.75)
 COVARIANCE: Floats = np.diag([0.1, 0.2, 0.3, 0.4])
+KIND = ElevationKind(0.05, 1.0)
 OLD = AnchorKey(1, 0, 0)
 OLD_ANCHOR = Anchor.at(POSE, (0.1, 0.2, 0.3, 0.4)).moved_to(Pose(1, 2, 3, 0.5), (0.1,) * 4)
 
@@ -49,7 +51,7 @@ def test_every_life_gets_a_number_of_its_own_and_it_is_on_disk_at_once(tmp_path:
 
 
 def test_a_first_life_finds_nothing(tmp_path: Path) -> None:
-    found = begun(tmp_path).recover(FRAME)
+    found = begun(tmp_path).recover(FRAME, KIND)
     assert (found.chunks, found.submaps, found.pose, found.anchors) == ([], [], None, {})
 
 
@@ -75,7 +77,7 @@ def test_what_was_journalled_is_found_again(
     chunks = some_chunks(count, seed)
     for chunk in chunks:
         disk.journal(chunk)
-    assert begun(folder).recover(FRAME).chunks == chunks
+    assert begun(folder).recover(FRAME, KIND).chunks == chunks
 
 
 def test_a_journal_torn_at_any_byte_gives_back_its_whole_records(tmp_path: Path) -> None:
@@ -89,10 +91,10 @@ def test_a_journal_torn_at_any_byte_gives_back_its_whole_records(tmp_path: Path)
     for length in range(len(whole) + 1):
         (tmp_path / "journal").write_bytes(whole[:length])
         complete = sum(end <= length for end in ends[1:])
-        assert Disk(tmp_path).recover(FRAME).chunks == chunks[:complete]
+        assert Disk(tmp_path).recover(FRAME, KIND).chunks == chunks[:complete]
         # The next life writes behind what is whole: what it publishes is found, too.
         begun(tmp_path).journal(after)
-        assert begun(tmp_path).recover(FRAME).chunks == [*chunks[:complete], after]
+        assert begun(tmp_path).recover(FRAME, KIND).chunks == [*chunks[:complete], after]
 
 
 def test_a_record_with_a_flipped_bit_ends_the_journal(tmp_path: Path) -> None:
@@ -105,7 +107,7 @@ def test_a_record_with_a_flipped_bit_ends_the_journal(tmp_path: Path) -> None:
         spoilt = bytearray(whole)
         spoilt[at] ^= 0x10
         (tmp_path / "journal").write_bytes(spoilt)
-        found = Disk(tmp_path).recover(FRAME).chunks
+        found = Disk(tmp_path).recover(FRAME, KIND).chunks
         assert found == chunks[: len(found)]
         assert len(found) < len(chunks)
 
@@ -121,7 +123,7 @@ def test_the_layer_comes_back_to_the_last_bit(tmp_path: Path) -> None:
     for chunk in chunks_of(own, Origin(1, 1)):
         disk.journal(chunk)
     save(disk, own)
-    found = begun(tmp_path).recover(FRAME)
+    found = begun(tmp_path).recover(FRAME, KIND)
     assert found.pose == POSE
     assert np.array_equal(found.covariance, COVARIANCE)  # pyright: ignore[reportArgumentType]
     assert repr(found.anchors) == repr({OLD: OLD_ANCHOR}), "digests are taken of their text"
@@ -154,10 +156,10 @@ def test_the_layer_is_replaced_whole_or_not_at_all(
         save(disk, second)
     monkeypatch.undo()
     assert seen == [before], "while the new one is written the old one stands"
-    found = begun(tmp_path).recover(FRAME)
+    found = begun(tmp_path).recover(FRAME, KIND)
     assert np.array_equal(found.submaps[0][2].information, first.submaps[0].information)
     save(disk, second)
-    found = begun(tmp_path).recover(FRAME)
+    found = begun(tmp_path).recover(FRAME, KIND)
     assert np.array_equal(found.submaps[0][2].information, second.submaps[0].information)
 
 
@@ -168,7 +170,7 @@ def test_what_is_saved_is_the_layer_as_it_was_when_it_was_asked_for(tmp_path: Pa
     information = own.submaps[0].information.copy()
     own.submaps[0].information *= 2
     disk.save_layer(content)
-    assert np.array_equal(disk.recover(FRAME).submaps[0][2].information, information)
+    assert np.array_equal(disk.recover(FRAME, KIND).submaps[0][2].information, information)
 
 
 @pytest.mark.parametrize("keep", [0, 1, 20, -1])
@@ -178,7 +180,7 @@ def test_a_spoilt_layer_is_refused_in_one_sentence(tmp_path: Path, keep: int) ->
     path = tmp_path / "layer"
     path.write_bytes(path.read_bytes()[:keep])
     with pytest.raises(DiskError, match="is no saved layer"):
-        Disk(tmp_path).recover(FRAME)
+        Disk(tmp_path).recover(FRAME, KIND)
 
 
 def test_a_disk_that_takes_nothing_is_told(tmp_path: Path) -> None:
@@ -187,6 +189,6 @@ def test_a_disk_that_takes_nothing_is_told(tmp_path: Path) -> None:
     with pytest.raises(DiskError, match="robot"):
         disk.journal(some_chunks(1)[0])
     with pytest.raises(DiskError, match="robot"):
-        save(disk, OwnLayer(FRAME))
+        save(disk, OwnLayer(FRAME, Submap))
     with pytest.raises(DiskError, match="robot"):
         disk.begin()

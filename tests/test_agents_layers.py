@@ -13,17 +13,15 @@ from agents.geometry import Floats, GridFrame, Pose
 from agents.layers import (
     LEAST_VARIANCE,
     Anchor,
-    LookCells,
     OwnLayer,
-    Submap,
-    bin_look,
     drawn_at,
     rounded_pose,
     rounded_variance,
-    slope_of,
     variance_of_step,
     variance_step,
 )
+from agents.maps.elevation import Submap, cell_variance, slope_of
+from agents.maps.elevationlook import LookCells, bin_look
 from agents.ports import Exposure
 
 quick = settings(max_examples=60, deadline=None)
@@ -82,12 +80,12 @@ def test_the_anchors_covariance_grows_with_slope_and_with_distance() -> None:
     variance = rounded_variance((0.04, 0.02, 0.01, 0.001))
     anchor = Anchor.at(Pose(0.25, 2.25, 0.0, 0.0), variance)  # the centre of cell (2, 4)
     slope = np.full(FRAME.shape, 0.5)
-    added = anchor.cell_variance(FRAME, slope)
+    added = cell_variance(anchor, FRAME, slope)
     var_x, var_y, var_z, var_yaw = anchor.variance
     assert added[2, 4] == pytest.approx(var_z + 0.25 * (var_x + var_y) / 2)
     # Three cells east and four north: 2.5 m off, and yaw turns it by that lever.
     assert added[6, 7] == pytest.approx(var_z + 0.25 * ((var_x + var_y) / 2 + 2.5**2 * var_yaw))
-    flat = anchor.cell_variance(FRAME, np.zeros(FRAME.shape))
+    flat = cell_variance(anchor, FRAME, np.zeros(FRAME.shape))
     assert np.allclose(flat, var_z), "level ground is as high wherever the map lies"
 
 
@@ -222,7 +220,7 @@ def test_taking_cells_over_takes_those_and_no_others() -> None:
 
 
 def test_a_submap_is_begun_when_the_pose_has_grown_unsure() -> None:
-    layer, pose = OwnLayer(FRAME), Pose(0, 0, 0, 0)
+    layer, pose = OwnLayer(FRAME, Submap), Pose(0, 0, 0, 0)
     sure = np.diag([1e-4, 1e-4, 1e-4, 1e-6])
     assert layer.needs_submap(sure, shift_m=0.1, turn_rad=0.02), "the first one is always due"
     layer.begin_submap(pose, sure)
@@ -236,7 +234,7 @@ def test_a_submap_is_begun_when_the_pose_has_grown_unsure() -> None:
 
 
 def test_beyond_the_anchor_is_what_grew_and_never_negative() -> None:
-    layer = OwnLayer(FRAME)
+    layer = OwnLayer(FRAME, Submap)
     layer.begin_submap(Pose(0, 0, 0, 0), np.diag([1e-2, 1e-2, 1e-2, 1e-4]))
     anchor = layer.submaps[0].anchor.variance
     beyond = layer.beyond_anchor(np.diag([0.5, 1e-3, anchor[2], 0.1]))
@@ -244,7 +242,7 @@ def test_beyond_the_anchor_is_what_grew_and_never_negative() -> None:
 
 
 def test_a_cell_counts_once_in_each_submap() -> None:
-    layer = OwnLayer(FRAME)
+    layer = OwnLayer(FRAME, Submap)
     for _ in range(2):
         submap = layer.begin_submap(Pose(0, 0, 0, 0), np.zeros((4, 4)))
         submap.observe(look_at([(0, 0), (1, 1)], 0.0, 1.0))

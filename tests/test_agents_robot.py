@@ -52,7 +52,7 @@ def test_whatever_is_heard_the_robot_goes_on(
         assert after[0] == before[0] or after[1] == before[1], "refused, so nothing changed"
     assert say(robot, 12), "its own map goes out as ever"
     robot.team.fused()
-    robot.view()
+    robot.mapper.view()
 
 
 @given(seeds, st.integers(0, 200), st.integers(1, 255))

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from robot_helpers import NS, PAYLOAD_BYTES, hear, measure, robot_on, save
-from team_helpers import FRAME, GRID, look
+from team_helpers import FRAME, GRID, KINDS, LOOKS, certainty, certainty_of
 
+from agents.maps.planar import probability
 from agents.member import KEEP_ALIVE_S
 from agents.robot import Robot
 
@@ -40,7 +41,8 @@ class Radio:
 class Team:
     """Robots on folders, who hear each other through lossy air; they die and come back."""
 
-    def __init__(self, folder: Path, seed: int) -> None:
+    def __init__(self, folder: Path, seed: int, kind: str) -> None:
+        self.kind = kind
         self.folder = folder
         self.rng = np.random.default_rng(seed)
         self.robots: dict[int, Robot] = {}
@@ -52,13 +54,13 @@ class Team:
             self.restart(index)
 
     def restart(self, index: int) -> None:
-        robot = robot_on(self.folder / str(index), index)
+        robot = robot_on(self.folder / str(index), index, self.kind)
         robot.radio = self.radios[index] = Radio()
         self.robots[index] = robot
 
     def look(self, index: int) -> None:
-        cells = look(self.rng)
-        self.measured[cells.rows, cells.cols] += 1.0 / cells.variance_m2
+        cells = LOOKS[self.kind](self.rng)
+        self.measured[cells.rows, cells.cols] += certainty_of(cells)
         measure(self.robots[index], cells)
         save(self.robots[index])
 
@@ -116,16 +118,20 @@ deeds = st.lists(
 )
 
 
-@example(0, 0.0, [("look", 0, 1), ("look", 0, 1), ("part", 0, 3), ("die", 0, 1)])
-@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 0.15, 0.4]), deeds)
-@settings(max_examples=25, deadline=None)
+@example(seed=0, loss=0.0, planned=[("look", 0, 1), ("look", 0, 1), ("part", 0, 3), ("die", 0, 1)])
+@given(
+    seed=st.integers(0, 2**32 - 1), loss=st.sampled_from([0.0, 0.15, 0.4]), planned=deeds
+)
+@settings(max_examples=20, deadline=None)
+@pytest.mark.parametrize("kind", KINDS)
 def test_whatever_befalls_a_team_its_maps_end_equal_and_true(
     tmp_path_factory: pytest.TempPathFactory,
+    kind: str,
     seed: int,
     loss: float,
     planned: list[tuple[str, int, int]],
 ) -> None:
-    team = Team(tmp_path_factory.mktemp("team"), seed)
+    team = Team(tmp_path_factory.mktemp("team"), seed, kind)
     for deed, index, count in planned:
         if deed == "look":
             team.look(index % MAPPERS)
@@ -135,16 +141,18 @@ def test_whatever_befalls_a_team_its_maps_end_equal_and_true(
             team.exchange(count, loss, deaf=index if deed == "part" else None)
         for robot in team.robots.values():
             fused = robot.team.fused()
-            assert np.all(1.0 / fused.variance_m2 <= team.measured * (1 + 1e-9)), "counted twice"
+            assert np.all(certainty(fused) <= team.measured * (1 + 1e-9)), "counted twice"
     assert team.exchange(6000, loss), "they never come to rest"
     for robot in team.robots.values():
         fused = robot.team.fused()
-        assert np.all(1.0 / fused.variance_m2 <= team.measured * (1 + 1e-9))
+        assert np.all(certainty(fused) <= team.measured * (1 + 1e-9))
         assert not (fused.known & (team.measured == 0)).any()
     listener = team.robots[TEAM - 1].team.fused()
     for tile in map(GRID.window, range(GRID.count)):
-        missing = np.count_nonzero((team.measured[tile] > 0) & ~listener.known[tile])
-        assert missing < 24, "only what is not worth its bytes stays with its robot"
+        missing = team.measured[tile][(team.measured[tile] > 0) & ~listener.known[tile]]
+        if kind == "planar":
+            missing = missing[probability(missing) > 0.75]
+        assert missing.size < 24, "only what is not worth its bytes stays with its robot"
 
 
 # --- the house ------------------------------------------------------------------------------

@@ -132,7 +132,7 @@ def test_a_fault_of_ours_exits_with_1_and_shows_where(
 def test_list_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code("list") == 0
     listed = capsys.readouterr().out
-    assert "cliff  Four robots" in listed
+    assert "cliff   Four robots" in listed
     assert "pair " in listed
     assert exit_code("--version") == 0
     assert capsys.readouterr().out.startswith("ropeteam ")

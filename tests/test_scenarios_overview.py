@@ -42,7 +42,7 @@ def overview(robots: int, *, mapped: bool) -> Overview:
             for seq in range(4):
                 t_s = 100.0 * seq
                 spot = (104.0 + index, 55.0 + seq, 0.0)
-                records.add(LookRow(name, t_s, *spot, 0, 0, 10, 9, 9, 0.0))
+                records.add(LookRow(name, t_s, *spot, 0, 0, 10, 9, 9, 0.0, 0.1))
                 records.add(TxRow(name, seq, ("map", "digest")[seq % 2], 99, t_s, t_s, t_s + 1))
                 records.add(MapRow(t_s, name, 1, 1, 50.0 * seq, None, 1, 50.0, 0.0))
         records.add(EventRow(200.0, "explorer-1", "kill", ""))

@@ -99,7 +99,8 @@ def test_the_columns_are_those_that_studies_read(tmp_path: Path) -> None:
     heads = {path.name: path.read_text().strip() for path in tmp_path.iterdir()}
     assert heads["frames.csv"] == "from,to,kind,bytes,chosen_s,start_s,end_s,arrive_s,verdict"
     assert heads["looks.csv"] == (
-        "robot,t_s,x_m,y_m,z_m,pan_rad,tilt_rad,expected_cells,obtained_cells,new_cells,distance_m"
+        "robot,t_s,x_m,y_m,z_m,pan_rad,tilt_rad,expected_cells,obtained_cells,new_cells,"
+        "distance_m,coverage"
     )
     assert heads["maps.csv"] == (
         "t_s,robot,own_cells,team_cells,information_bits,elevation_rmse_m,"

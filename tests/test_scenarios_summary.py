@@ -96,8 +96,8 @@ def test_the_team_is_who_is_alive_or_all_where_nobody_is() -> None:
 
 def rows() -> list[LookRow | TxRow | RxRow]:
     return [
-        LookRow("recon", 15.0, 1, 2, 3, 0, 0, 10, 9, 9, 0.0),
-        LookRow("recon", 40.0, 1, 2, 3, 0, 0, 10, 9, 3, 2.0),
+        LookRow("recon", 15.0, 1, 2, 3, 0, 0, 10, 9, 9, 0.0, 0.1),
+        LookRow("recon", 40.0, 1, 2, 3, 0, 0, 10, 9, 3, 2.0, 0.2),
         TxRow("recon", 0, "map", 100, 10.0, 10.0, 30.0),
         TxRow("recon", 1, "map", 50, 30.0, 30.0, 40.0),
         TxRow("cliffbot", 0, "tether", 30, 35.0, 35.0, 36.0),
@@ -136,7 +136,7 @@ def test_the_summary_has_exactly_the_keys_that_studies_read() -> None:
     assert set(found["robots"]["recon"]) == {
         *("role", "state", "looks", "distance_m", "sent_frames", "sent_bytes", "received_frames"),
         *("received_bytes", "dropped_frames", "link_busy_fraction", "own_cells", "team_cells"),
-        *("team_map_digest", "map_payload_bytes", "pose_error_rms_m"),
+        *("team_map_digest", "map_payload_bytes", "pose_error_rms_m", "hazards_hit"),
     }
     assert set(found["team"]) == {
         *("observable_cells", "mapped_cells", "coverage", "elevation_rmse_m"),

@@ -5,14 +5,18 @@ believes its team-mates to have, and answers with one frame. Policies, by name:
 
 - `value`: the chunk of most worth per byte first.
 - `latest-first`: the tile that was published last goes first, whole.
-- `raw`: float32 cells, the grid in order.
-- `paper`: the whole map after each look, in the paper's own codec, first in, first out.
+- `raw`: float32 cells (a byte for one of log-odds), the grid in order.
+- `paper`: the whole map after each look, in the paper's own codec, first in, first out; elevation
+  maps only.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from agents.payloads import Paper, Payloads, Pyramid, Raw
+from agents.maps import MapKind, kind_of
+from agents.payloads import OccupancyPyramid, Paper, Pyramid, Raw, RawOccupancy
+from agents.settings import MapSettings
 from agents.sharing.fifo import RawGrid, WholeMap
 from agents.sharing.policy import Desk, Free, Heard, Policy
 from agents.sharing.repair import Mark
@@ -26,16 +30,22 @@ class Way:
     """A policy, with the form in which it sends tiles."""
 
     policy: Callable[[Desk], Policy]
-    payloads: Callable[[], Payloads]
+    payloads: Mapping[str, Callable[[], Any]]
+    """How tiles are written, by the kinds of map that the policy can send."""
     whole_map: bool = False
     """The map is one tile."""
 
+    def kind(self, settings: MapSettings) -> MapKind[Any, Any]:
+        """Return the kind of map that is set, written in this way."""
+        return kind_of(settings, self.payloads[settings.kind]())
 
+
+_LEVELS = {"elevation": Pyramid, "planar": OccupancyPyramid}
 POLICIES: dict[str, Way] = {
-    "value": Way(Value, Pyramid),
-    "latest-first": Way(LatestFirst, Pyramid),
-    "raw": Way(RawGrid, Raw),
-    "paper": Way(WholeMap, Paper, whole_map=True),
+    "value": Way(Value, _LEVELS),
+    "latest-first": Way(LatestFirst, _LEVELS),
+    "raw": Way(RawGrid, {"elevation": Raw, "planar": RawOccupancy}),
+    "paper": Way(WholeMap, {"elevation": Paper}, whole_map=True),
 }
 
 

@@ -3,11 +3,9 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-import numpy as np
-
-from agents.payloads import Payloads
-from agents.settings import MapSettings, SharingSettings
+from agents.settings import SharingSettings
 from agents.sharing.repair import Mark
 from agents.sharing.reports import Report
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
@@ -21,10 +19,9 @@ class Desk:
     """What a policy works with."""
 
     settings: SharingSettings
-    map: MapSettings
     me: Origin
     team_size: int
-    team: TeamMap
+    team: TeamMap[Any, Any]
     journal: Callable[[Chunk], None]
     """Makes a version durable; it must be before any of it is sent."""
 
@@ -32,11 +29,6 @@ class Desk:
     def store(self) -> Store:
         """The replicated store."""
         return self.team.store
-
-    @property
-    def payloads(self) -> Payloads:
-        """How tiles are written."""
-        return self.team.payloads
 
 
 @dataclass(frozen=True)
@@ -114,10 +106,8 @@ class Policy(ABC):
     def publish(self, key: TileKey) -> tuple[Chunk, EncodedTile]:
         """Freeze the next version of an own tile: encode it, make it durable, put it in store."""
         submap = self.desk.team.own.submaps[key.submap]
-        elevation, variance = submap.estimate(self.desk.team.grid.window(key.tile))
-        known = np.isfinite(variance)
-        sigma = np.sqrt(np.where(known, variance, 0.0))
-        encoded = self.desk.payloads.encode(elevation, known, sigma, self.desk.map.max_error_m)
+        window = self.desk.team.grid.window(key.tile)
+        encoded = self.desk.team.kind.encode(submap, window)
         number = self.versions.get(key, 0) + 1
         chunk = Chunk(key, number, len(encoded.data), 0, encoded.data)
         self.desk.journal(chunk)

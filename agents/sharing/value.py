@@ -1,14 +1,14 @@
 """Worth per byte: the chunk that tells listeners most of what they lack, for the bytes it takes.
 
-Worth is information (bits of Eq. 3's kind: log2 of sigma before over sigma after) that listeners
-lack, over all listeners, times the weight of the place for the team's task. One frame serves all
-who hear it; loss of a frame costs that frame and a few bytes of a report (`agents.sharing.repair`).
+Worth is information (bits of Eq. 3's kind, as the kind of map counts them) that listeners lack,
+over all listeners, times the weight of the place for the team's task. What is worth less than
+`MapKind.least_bits_per_byte` is not sent: the run has settled when nothing better is left. One
+frame serves all who hear it; loss of a frame costs that frame and a few bytes of a report
+(`agents.sharing.repair`).
 """
 
 from bisect import bisect_left
 from dataclasses import dataclass
-
-import numpy as np
 
 from agents.messages import CHUNK_HEADER_BYTES, pack_anchor, pack_chunks
 from agents.sharing.beliefs import stretch_of
@@ -16,11 +16,8 @@ from agents.sharing.policy import Desk, Free, Heard, Policy
 from agents.sharing.repair import Mark, Repair
 from agents.sharing.reports import Report
 from agents.store import AnchorKey, Chunk, TileKey, Version
-from agents.teammap import UNIFORM, Estimate
 from comms.frames import Kind
 
-MIN_BITS_PER_BYTE = 0.5
-"""Less than this is not worth a byte of radio: the run has settled when nothing better is left."""
 SMALLEST_CHUNK_BYTES = 16
 """No chunk of another tile is begun in less room than this at the end of a frame."""
 FRESH = -1
@@ -71,6 +68,7 @@ class Value(Policy):
         """Share what the desk's team map (store and own layer) holds."""
         super().__init__(desk)
         tiles = desk.team.grid.count
+        self.least_density = desk.team.kind.least_bits_per_byte
         self.repair = Repair(desk.settings, desk.me, desk.team_size, desk.store, tiles)
         self.published: dict[TileKey, Published] = {}
         self._steps: dict[tuple[TileKey, int], Steps] = {}
@@ -170,7 +168,7 @@ class Value(Policy):
 
     def _best(self) -> TileKey | None:
         """Return the tile whose offer is worth most per byte, if any is worth a byte."""
-        best, best_density = None, MIN_BITS_PER_BYTE
+        best, best_density = None, self.least_density
         for key in self._offers:
             density = self._offers[key].density
             if density > best_density or (density == best_density and best and key < best):
@@ -231,35 +229,31 @@ class Value(Policy):
             best_density = max(best_density, density)
         # A payload that was begun is finished once nothing better is left: the last level alone
         # is exact, and what it adds to a mask counts for more than its bits say.
-        return Offer(max(best_density, MIN_BITS_PER_BYTE * 1.01), version.number, start)
+        return Offer(max(best_density, self.least_density * 1.01), version.number, start)
 
     def _offer_to_publish(self, key: TileKey) -> Offer | None:
         """Return what a new version of an own tile would be worth, by an estimate of its size."""
-        estimate = self._own_tile(key)
-        bits = estimate.information_bits(self.desk.map.prior_sigma_m)
+        bits, guessed_bytes = self._own_offer(key)
         before = self.published.get(key)
         gain = bits - (before.information_bits if before else 0.0)
         if gain <= 0:
             return None
-        known = int(np.count_nonzero(estimate.known))
-        size = before.size_bytes if before else 24 + known // 5
+        size = before.size_bytes if before else guessed_bytes
         listeners = len(self.repair.listeners)
         density = self.weight(key) * gain * listeners / (size + CHUNK_HEADER_BYTES)
         return Offer(density, FRESH)
 
-    def _own_tile(self, key: TileKey) -> Estimate:
-        submap = self.desk.team.own.submaps[key.submap]
-        window = self.desk.team.grid.window(key.tile)
-        elevation, variance = submap.estimate(window)
-        bound = self.desk.map.max_error_m**2 * UNIFORM
-        return Estimate(elevation, variance + bound, submap.looks[window])
+    def _own_offer(self, key: TileKey) -> tuple[float, int]:
+        """Return what an own tile would be worth once sent, and about how many bytes."""
+        team = self.desk.team
+        return team.kind.offer(team.own.submaps[key.submap], team.grid.window(key.tile))
 
     def _publish(self, key: TileKey) -> None:
         chunk, encoded = self.publish(key)
         self.repair.changed(key, -1e9)
         self._steps[key, chunk.version] = self._worth(key, encoded.data, encoded.level_ends)
         # The gain is counted against what was published, not against what is worth sending of it.
-        bits = self._own_tile(key).information_bits(self.desk.map.prior_sigma_m)
+        bits, _ = self._own_offer(key)
         self.published[key] = Published(bits, len(encoded.data))
         self._stale.add(key)
 
@@ -273,11 +267,11 @@ class Value(Policy):
 
     def _level_ends(self, key: TileKey, data: bytes) -> tuple[int, ...]:
         """Return where the levels of a payload end that another robot wrote, by trying prefixes."""
-        shape = self.desk.team.grid.shape(key.tile)
+        team = self.desk.team
+        shape = team.grid.shape(key.tile)
 
         def level_at(end: int) -> int:
-            tile = self.desk.payloads.decode(data[:end], shape)
-            return -1 if tile is None else tile.level
+            return team.kind.level(data[:end], shape)
 
         ends: list[int] = []
         last = level_at(len(data))
@@ -288,16 +282,10 @@ class Value(Policy):
 
     def _worth(self, key: TileKey, data: bytes, ends: tuple[int, ...]) -> Steps:
         """Decode a payload level by level and count the information of each."""
-        shape = self.desk.team.grid.shape(key.tile)
-        bits: list[float] = []
-        for end in ends:
-            tile = self.desk.payloads.decode(data[:end], shape)
-            if tile is None:
-                bits.append(0.0)
-                continue
-            variance = tile.sigma_m[tile.known].astype(np.float64) ** 2 + tile.bound_m**2 * UNIFORM
-            gains = np.maximum(0.0, 0.5 * np.log2(self.desk.map.prior_sigma_m**2 / variance))
-            bits.append(float(np.sum(gains)))
+        team = self.desk.team
+        shape = team.grid.shape(key.tile)
+        tiles = [team.kind.decode(data[:end], shape) for end in ends]
+        bits = [0.0 if tile is None else team.kind.bits(tile) for tile in tiles]
         return Steps(tuple(ends), tuple(bits), len(data))
 
 

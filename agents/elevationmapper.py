@@ -1,0 +1,107 @@
+"""Mapping the ground: what a robot with an elevation map expects, fuses and chooses."""
+
+import asyncio
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from agents.geometry import Singles
+from agents.information import Interest
+from agents.mapper import Expected, NextLook
+from agents.maps.elevation import relief_sigma_m
+from agents.maps.elevationlook import bin_look
+from agents.ports import Exposure
+from agents.strategies import View, expected_visibility, strategy
+
+if TYPE_CHECKING:
+    from agents.robot import Robot
+
+FIRST_TILT_RAD = math.radians(-25.0)
+
+
+class ElevationMapper:
+    """`agents.mapper.Mapper` of elevation maps."""
+
+    def __init__(self, robot: "Robot") -> None:
+        """Serve a robot."""
+        self.robot = robot
+        self.settings = robot.settings
+        self.strategy = strategy(self.settings.method)
+        self.interest = Interest(self.settings.frame.shape, self.settings.planner.beta)
+
+    @property
+    def first_looks(self) -> tuple[tuple[float, float], ...]:
+        """Six looks all around."""
+        pans = np.linspace(0.0, 2 * math.pi, 6, endpoint=False)
+        return tuple((float(pan), FIRST_TILT_RAD) for pan in pans)
+
+    async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
+        """Return Eq. 5 in the field of view, times the chance that a ray falls on a cell."""
+        chances: Singles = await asyncio.to_thread(
+            expected_visibility, self.view(), self.robot.pose, pan_rad, tilt_rad
+        )
+        # In single precision the order in which numpy adds up would show in the record.
+        return Expected(round(float(np.sum(chances, dtype=np.float64)), 3), chances)
+
+    async def localise(self, exposure: Exposure) -> None:
+        """Do nothing: there is no matching of ground yet."""
+
+    async def fuse(self, exposure: Exposure, expected: Expected) -> None:
+        """Fuse one look into the own layer (Eqs. 19-21), and lose interest in what failed."""
+        robot = self.robot
+        index, submap = robot.current_submap()
+        known_before = robot.team.fused().known
+        cells = await asyncio.to_thread(
+            bin_look,
+            exposure,
+            robot.pose,
+            self.settings.frame,
+            attitude_sigma_rad=math.radians(self.settings.sensor.attitude_sigma_deg),
+            extra_variance=robot.own.beyond_anchor(robot.filter.covariance),
+        )
+        submap.observe(cells)
+        measured = np.zeros(self.settings.frame.shape, dtype=bool)
+        measured[cells.rows, cells.cols] = True
+        self.interest.update(expected.chances, measured)
+        robot.looked(index, exposure, expected.cells, measured, measured & ~known_before)
+
+    def view(self) -> View:
+        """Return what the planner sees: the team map and where everybody is."""
+        robot = self.robot
+        fused = robot.team.fused()
+        return View(
+            frame=self.settings.frame,
+            elevation_m=fused.elevation_m,
+            sigma_m=relief_sigma_m(robot.team),
+            looks=fused.looks.astype(np.int64),
+            interest=self.interest.share,
+            pose=robot.pose,
+            pose_sigma_m=robot.filter.sigma_m,
+            others=[mate.status.pose for _, mate in sorted(robot.mates.items())],
+            sensor=self.settings.sensor,
+            drive=self.settings.drive,
+            planner=self.settings.planner,
+            claims=robot.regions(wished=False),
+            wishes=tuple(robot.regions(wished=True)),
+            trail_m=np.array(robot.trail),
+        )
+
+    async def choose(self) -> NextLook | None:
+        """Choose the next look (Eq. 23)."""
+        plan = await asyncio.to_thread(self.strategy.choose, self.view(), self.robot.rng)
+        if plan is None:
+            return None
+        heading_rad = plan.heading_rad
+        reach_m = 0.5 * self.settings.sensor.range_m
+        x_m, y_m = plan.path_m[-1]
+        claim = (
+            float(x_m) + reach_m * math.cos(heading_rad),
+            float(y_m) + reach_m * math.sin(heading_rad),
+            reach_m,
+        )
+        return NextLook(plan.path_m, heading_rad, plan.tilt_rad, claim)
+
+    def halted(self) -> float | None:
+        """Look as planned: rocks and steps are seen, not felt."""
+        return None

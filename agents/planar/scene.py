@@ -1,0 +1,145 @@
+"""A planar view worked out: what can be driven, what rays may pass, what is worth seeing."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from agents import paths
+from agents.geometry import Bools, Floats, Ints
+from agents.markov import complete, distance_to_known_m
+from agents.planar.casting import Star, star_of
+from agents.planar.sensing import MAPPED
+from agents.planar.view import PlanarView
+from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+
+ASIDE = 1.0
+"""By how much a cell beside one that can't be driven costs more."""
+PRIOR_STEPS = 400.0
+"""The prior on how often a ray is stopped counts like so many steps of rays."""
+PRIOR_STOP = 0.03
+
+
+@dataclass(frozen=True)
+class Means:
+    """What a robot has to see and drive with, and how it plans."""
+
+    sensor: SensorSettings
+    drive: DriveSettings
+    planner: PlannerSettings
+
+
+class Scene:
+    """What follows from a view; everything is worked out when it is first asked for."""
+
+    def __init__(self, view: PlanarView, means: Means, interest: Floats) -> None:
+        """Take a view; `interest` (rows, cols) weighs each cell's worth (Eq. 9)."""
+        self.view = view
+        self.means = means
+        self.interest = interest
+
+    @cached_property
+    def rays(self) -> Star:
+        """The sensor's."""
+        return star_of(self.means.sensor, self.view.frame.cell_m)
+
+    @cached_property
+    def here(self) -> tuple[int, int]:
+        """The robot's cell, inside the grid."""
+        frame = self.view.frame
+        row, col = frame.cell_of(self.view.pose.x_m, self.view.pose.y_m)
+        return min(max(row, 0), frame.rows - 1), min(max(col, 0), frame.cols - 1)
+
+    @cached_property
+    def cost(self) -> Floats:
+        """(rows, cols) cost of a metre: 1, more beside what is not known to be free; inf there."""
+        view, footprint_m = self.view, self.means.drive.footprint_m
+        cell_m = view.frame.cell_m
+        blocked = ~(view.mapped & (view.log_odds < 0))
+        rows, cols = np.indices(view.frame.shape)
+        apart_m = np.hypot(rows - self.here[0], cols - self.here[1]) * cell_m
+        # It stands there: what its body covers is free, though it never saw it.
+        blocked &= (apart_m > 0.5 * footprint_m + cell_m) | (view.log_odds > 0)
+        gap_m = distance_to_known_m(np.pad(blocked, 1, constant_values=True), cell_m)[1:-1, 1:-1]
+        least_m = 0.5 * footprint_m + 0.5 * cell_m - 1e-3
+        cost = np.where(gap_m < least_m + 0.9 * cell_m, 1.0 + ASIDE, 1.0)
+        return np.where(gap_m > least_m, cost, np.inf)
+
+    @cached_property
+    def _field(self) -> tuple[Floats, Ints]:
+        starts = np.array([self.here], dtype=np.int64)
+        return paths.travel_field(self.cost, starts, self.view.frame.cell_m)
+
+    @property
+    def way_m(self) -> Floats:
+        """(rows, cols) cost of the way to each cell in metres; inf where none leads."""
+        return self._field[0]
+
+    def path_m(self, cell: tuple[int, int]) -> Floats:
+        """Return the corners (N, 2) of the way to a cell, from where the robot stands."""
+        frame = self.view.frame
+        here = np.array([[self.view.pose.x_m, self.view.pose.y_m]])
+        if cell == self.here:
+            return here
+        corners = paths.straight_legs(paths.path_to(self._field[1], cell), self.cost)
+        centres = [frame.centre_of(int(row), int(col)) for row, col in corners[1:]]
+        return np.concatenate((here, np.array(centres)))
+
+    def candidates(self, rng: np.random.Generator) -> Ints:
+        """Return the cells (N, 2) where a look may be taken: the robot's own, then a sample.
+
+        They lie on a lattice of `candidate_step_m` with an offset drawn by lot; of more than
+        `max_candidates` as many are drawn.
+        """
+        planner = self.means.planner
+        step = max(1, round(planner.candidate_step_m / self.view.frame.cell_m))
+        offset = rng.integers(step, size=2)
+        open_cells = np.argwhere(np.isfinite(self.way_m))
+        cells = open_cells[((open_cells + offset) % step == 0).all(axis=1)]
+        cells = cells[(cells != np.array(self.here)).any(axis=1)]
+        if len(cells) > planner.max_candidates - 1:
+            drawn = rng.choice(len(cells), planner.max_candidates - 1, replace=False)
+            cells = cells[np.sort(drawn)]
+        return np.concatenate((np.array([self.here], dtype=np.int64), cells))
+
+    @cached_property
+    def occupancy_p(self) -> Floats:
+        """(rows, cols) probability of occupancy; of unmeasured cells the Markov estimate."""
+        p = 1.0 / (1.0 + np.exp(-self.view.log_odds))
+        measured = self.measured
+        if not measured.any():
+            return np.full(p.shape, 0.5)
+        return np.clip(complete(np.where(measured, p, np.nan)), 0.0, 1.0)
+
+    @cached_property
+    def measured(self) -> Bools:
+        """(rows, cols) cells that were ever measured."""
+        return self.view.log_odds != 0
+
+    @cached_property
+    def stop_p(self) -> float:
+        """Probability that a step from a free cell is stopped by a solid one, on the map so far."""
+        free, solid = self.view.log_odds < 0, self.view.log_odds > 0
+        steps = stops = 0
+        for axis in (0, 1):
+            low = [slice(None), slice(None)]
+            high = [slice(None), slice(None)]
+            low[axis], high[axis] = slice(None, -1), slice(1, None)
+            a, b = tuple(low), tuple(high)
+            stops += int((free[a] & solid[b]).sum()) + int((solid[a] & free[b]).sum())
+            steps += 2 * int((free[a] & free[b]).sum())
+        steps += stops
+        return (stops + PRIOR_STOP * PRIOR_STEPS) / (steps + PRIOR_STEPS)
+
+    @cached_property
+    def through(self) -> Floats:
+        """(rows, cols) probability that a ray passes: by the map, and `stop_p` where it is blank."""
+        log_odds = self.view.log_odds
+        p = np.where(log_odds < 0, 1.0, 0.0)
+        return np.where(self.measured, p, 1.0 - self.stop_p)
+
+    @cached_property
+    def lacking(self) -> Floats:
+        """(rows, cols) log-odds by which cells fall short of being mapped, as shares; weighed."""
+        short = np.maximum(MAPPED + 1e-9 - np.abs(self.view.log_odds), 0.0)
+        return np.where(self.view.mapped, 0.0, short) * self.interest
