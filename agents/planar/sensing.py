@@ -48,9 +48,14 @@ def _sweep(
     eye: tuple[float, float],
     angles: np.ndarray,
     reach: np.ndarray,
-    hit: np.ndarray,
+    face: np.ndarray,
 ) -> None:
-    """Count, per cell, rays that passed (votes[0]) and rays that ended there (votes[1])."""
+    """Count, per cell, rays that passed (votes[0]) and rays that ended there (votes[1]).
+
+    A ray that came back (its `face` is finite) passed those cells whose middle lies before the
+    face; what it crosses between there and its end it tells nothing of: beside a wall that it
+    grazes it would else call half of the wall free.
+    """
     rows, cols = votes.shape[1:]
     cells = np.empty((2 * int(np.max(reach)) + 8, 2), dtype=np.int64)
     entry = np.empty(len(cells))
@@ -60,9 +65,9 @@ def _sweep(
             i, j = cells[n, 0], cells[n, 1]
             if i < 0 or j < 0 or i >= rows or j >= cols:
                 break
-            if hit[k] and n == count - 1:
-                votes[1, i, j] += 1
-            else:
+            if n == count - 1:
+                votes[1 if face[k] < np.inf else 0, i, j] += 1
+            elif 0.5 * (entry[n] + entry[n + 1]) < face[k]:
                 votes[0, i, j] += 1
 
 
@@ -78,12 +83,13 @@ def look_log_odds(
             came back from within the sensor's range.
         sensor: its noise and range.
     """
-    hit = np.isfinite(ranges_m)
     # A solid cell's face is where it is measured: the cell itself lies half a cell beyond.
-    reach = np.where(hit, ranges_m + 0.5 * frame.cell_m, sensor.range_m) / frame.cell_m
+    reach = np.where(
+        np.isfinite(ranges_m), ranges_m / frame.cell_m + 0.5, sensor.range_m / frame.cell_m
+    )
     x, y = (pose.x_m - frame.x_m) / frame.cell_m, (pose.y_m - frame.y_m) / frame.cell_m
     votes = np.zeros((2, *frame.shape), dtype=np.int32)
-    _sweep(votes, (x, y), pose.yaw_rad + fan_rad(sensor), reach, hit)
+    _sweep(votes, (x, y), pose.yaw_rad + fan_rad(sensor), reach, ranges_m / frame.cell_m)
     row, col = np.nonzero(votes[0] + votes[1])
     away_m = np.hypot(row + 0.5 - y, col + 0.5 - x) * frame.cell_m
     sure = evidence(np.minimum(away_m, sensor.range_m), frame.cell_m, sensor)
