@@ -1,10 +1,10 @@
 """Where rays end in what nobody measured yet: learned look by look, from a prior.
 
-A cell that a look reaches for the first time is solid with a probability that depends most on two
-lengths: how far it is from the nearest cell known to be solid, and from the nearest known to be
-free. Beside a wall the wall goes on; in the open nothing is likely to begin. Each look tells of some
-hundreds of such cells which they were, so the robot keeps count, bin by bin, and begins with what
-was counted in made-up worlds, moved by how built-up its own world is on the whole.
+A cell that a look reaches for the first time is solid with a probability that depends most on
+two lengths: how far it is from the nearest cell known to be solid, and from the nearest known to
+be free. Beside a wall the wall goes on; in the open nothing is likely to begin. Each look tells of
+some hundreds of such cells which they were, so the robot keeps count, bin by bin, and begins with
+what was counted in made-up worlds, moved by how built-up its own world is on the whole.
 """
 
 import numpy as np

@@ -14,6 +14,7 @@ that is measured by ten rays of one look is not ten times as sure.
 import math
 
 import numpy as np
+from scipy.special import ndtr
 
 from agents.geometry import Floats, GridFrame, Pose
 from agents.planar.rays import crossings, fan_rad
@@ -37,8 +38,7 @@ def sigma_m(range_m: Floats, sensor: SensorSettings) -> Floats:
 def evidence(range_m: Floats, cell_m: float, sensor: SensorSettings) -> Floats:
     """Return l(r), the log-odds by which one look moves a cell at these ranges, elementwise."""
     spread = np.maximum(sigma_m(range_m, sensor), 1e-6)
-    phi = np.vectorize(lambda z: 0.5 * math.erfc(z / math.sqrt(2.0)), otypes=[np.float64])
-    wrong = np.maximum(phi(0.5 * cell_m / spread), 1e-12)
+    wrong = np.maximum(ndtr(-0.5 * cell_m / spread), 1e-12)
     return np.minimum(np.log((1.0 - wrong) / wrong), SUREST)
 
 
@@ -71,9 +71,7 @@ def _sweep(
                 votes[0, i, j] += 1
 
 
-def look_log_odds(
-    frame: GridFrame, pose: Pose, ranges_m: Floats, sensor: SensorSettings
-) -> Floats:
+def look_log_odds(frame: GridFrame, pose: Pose, ranges_m: Floats, sensor: SensorSettings) -> Floats:
     """Return what one look adds to the log-odds (rows, cols) of a map; 0 where it saw nothing.
 
     Args:

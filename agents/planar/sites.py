@@ -1,8 +1,8 @@
 """Places to look from, each with the several looks that are worth taking there together.
 
-A drive costs more than a look, so a place is worth what all its good looks show, not just its best
-one. The looks at a place are chosen greedily from the same rays, none counted twice, and as many are
-taken as make the most of the whole stop: the rate
+A drive costs more than a look, so a place is worth what all its good looks show, not just its
+best one. The looks at a place are chosen greedily from the same rays, none counted twice, and as
+many are taken as make the most of the whole stop: the rate
 
     (g_1 + ... + g_m) / (m + way / LOOK_WORTH_M)
 

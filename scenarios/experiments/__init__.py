@@ -22,6 +22,8 @@ The frame does the rest: processes, folder, `rows.csv` (all that was measured), 
 
 EXPERIMENTS = {
     "compress": "what the paper's map codec and its four compressors cost, and what they lose",
+    "planar-one": "one robot maps a plane: the paper's five ways to choose a look, and ours",
+    "planar-two": "two robots map a plane together, by the same ways",
     "sharing": "what thin links do to a team, by the way of sharing and by rate",
 }
 """Name and one line of each, in the order in which they are listed."""
