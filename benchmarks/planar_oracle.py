@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from agents.geometry import Bools, Pose
-from agents.planar.casting import BEARINGS, first_ray, gains, star_of, windows
+from agents.planar.casting import first_ray, gains, star_of, windows
 from agents.planar.sensing import LIMIT, MAPPED, look_log_odds
 from agents.settings import SensorSettings
 from sim.planar_world import HEADINGS, PlanarWorld, lattice, look

@@ -98,7 +98,8 @@ def _block(
     elif kind < 0.7:
         sides = (float(rng.uniform(4.0, 16.0)), 0.8)
     else:
-        sides = (float(rng.uniform(0.8, 2.0)),) * 2
+        side = float(rng.uniform(0.8, 2.0))
+        sides = (side, side)
     x, y = (float(at) for at in rng.uniform(0.0, side_m, 2))
     turn = float(rng.choice((0.0, 90.0))) if rng.random() < 0.5 else float(rng.uniform(0.0, 90.0))
     return (x, y), sides, turn

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from agents.errors import AgentError
-from agents.planar import methods
+from agents.planar import methods, team
 from agents.planar.methods import PlanarMethod
 from agents.planar.scene import Means
 from agents.planar.view import PlanarLook, PlanarView
@@ -24,6 +24,7 @@ _METHODS: dict[str, Callable[[Means], PlanarMethod]] = {
     "information": methods.Histogrammed,
     "information-entropy": methods.Stretched,
     "information-voxel": methods.Voxel,
+    "team-information": team.TeamInformation,
 }
 
 

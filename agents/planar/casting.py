@@ -46,9 +46,14 @@ class Star:
     """Rays that fit in the sensor's field of view."""
 
 
-@lru_cache(maxsize=16)
 def star_of(sensor: SensorSettings, cell_m: float) -> Star:
     """Return the rays of a sensor."""
+    return _star_of(sensor.model_dump_json(), cell_m)
+
+
+@lru_cache(maxsize=16)
+def _star_of(told: str, cell_m: float) -> Star:
+    sensor = SensorSettings.model_validate_json(told)
     steps, _, counts = star(sensor.range_m / cell_m, BEARINGS)
     range_m = np.hypot(steps[..., 0], steps[..., 1]) * cell_m
     sure = evidence(np.minimum(range_m, sensor.range_m), cell_m, sensor)
@@ -214,9 +219,7 @@ def tallies(
         (E, H, kinds) expected numbers of cells.
     """
     out = np.zeros((len(eyes), len(firsts), kinds))
-    _tallies(
-        through, classes, rings, rays.steps, rays.counts, eyes, firsts, rays.width, out
-    )
+    _tallies(through, classes, rings, rays.steps, rays.counts, eyes, firsts, rays.width, out)
     return out
 
 

@@ -21,7 +21,7 @@ from typing import Protocol
 
 import numpy as np
 
-from agents.geometry import Floats, Ints, Pose
+from agents.geometry import Bools, Floats, Ints, Pose
 from agents.information import Interest, binary_entropy, plogp, stretched
 from agents.planar.casting import Star, first_ray, gains, tallies, visibility, windows
 from agents.planar.scene import Means, Scene
@@ -167,6 +167,7 @@ class Raster(_Paper):
     """Method (ii): the next free position in raster order where no look was taken yet."""
 
     def __init__(self, means: Means) -> None:
+        """Begin where the robot stands."""
         super().__init__(means)
         self._been: list[tuple[float, float]] = []
 
@@ -247,7 +248,7 @@ class Histogrammed(_Paper):
         return counts / _most_cells(scene)
 
 
-def _dull(scene: Scene) -> Floats:
+def _dull(scene: Scene) -> Bools:
     """Return the cells (rows, cols) that proved not to be visible (Eq. 9, as a yes or no)."""
     return ~scene.view.mapped & (scene.interest < 0.5)
 
@@ -264,9 +265,7 @@ class Stretched(_Paper):
         classes = np.where(scene.measured[None], bins, bins + BINS)
         classes[:, _dull(scene)] = 0
         rings = np.minimum((scene.rays.range_m / range_m * RINGS).astype(np.int64), RINGS - 1)
-        counts = tallies(
-            scene.through, classes, rings, scene.rays, eyes, firsts, 2 * BINS
-        )
+        counts = tallies(scene.through, classes, rings, scene.rays, eyes, firsts, 2 * BINS)
         return plogp(counts / _most_cells(scene)).sum(axis=-1)
 
 

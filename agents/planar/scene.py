@@ -32,11 +32,22 @@ class Means:
 class Scene:
     """What follows from a view; everything is worked out when it is first asked for."""
 
-    def __init__(self, view: PlanarView, means: Means, interest: Floats) -> None:
-        """Take a view; `interest` (rows, cols) weighs each cell's worth (Eq. 9)."""
+    def __init__(
+        self, view: PlanarView, means: Means, interest: Floats, pass_p: Floats | None = None
+    ) -> None:
+        """Take a view.
+
+        Args:
+            view: what the robot knows.
+            means: what it has.
+            interest: (rows, cols) weight of each cell's worth (Eq. 9).
+            pass_p: (rows, cols) chance that a ray passes a cell if nothing was measured there;
+                None: the share of steps that did, everywhere alike.
+        """
         self.view = view
         self.means = means
         self.interest = interest
+        self._pass_p = pass_p
 
     @cached_property
     def rays(self) -> Star:
@@ -133,10 +144,10 @@ class Scene:
 
     @cached_property
     def through(self) -> Floats:
-        """(rows, cols) probability that a ray passes: by the map, and `stop_p` where it is blank."""
-        log_odds = self.view.log_odds
-        p = np.where(log_odds < 0, 1.0, 0.0)
-        return np.where(self.measured, p, 1.0 - self.stop_p)
+        """(rows, cols) probability that a ray passes: by the map, else what was given."""
+        known = np.where(self.view.log_odds < 0, 1.0, 0.0)
+        blank = 1.0 - self.stop_p if self._pass_p is None else self._pass_p
+        return np.where(self.measured, known, blank)
 
     @cached_property
     def lacking(self) -> Floats:

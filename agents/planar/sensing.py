@@ -14,6 +14,7 @@ that is measured by ten rays of one look is not ten times as sure.
 import math
 
 import numpy as np
+from scipy.special import ndtr
 
 from agents.geometry import Floats, GridFrame, Pose
 from agents.planar.rays import crossings, fan_rad
@@ -37,8 +38,7 @@ def sigma_m(range_m: Floats, sensor: SensorSettings) -> Floats:
 def evidence(range_m: Floats, cell_m: float, sensor: SensorSettings) -> Floats:
     """Return l(r), the log-odds by which one look moves a cell at these ranges, elementwise."""
     spread = np.maximum(sigma_m(range_m, sensor), 1e-6)
-    phi = np.vectorize(lambda z: 0.5 * math.erfc(z / math.sqrt(2.0)), otypes=[np.float64])
-    wrong = np.maximum(phi(0.5 * cell_m / spread), 1e-12)
+    wrong = np.maximum(ndtr(-0.5 * cell_m / spread), 1e-12)
     return np.minimum(np.log((1.0 - wrong) / wrong), SUREST)
 
 
@@ -48,9 +48,14 @@ def _sweep(
     eye: tuple[float, float],
     angles: np.ndarray,
     reach: np.ndarray,
-    hit: np.ndarray,
+    face: np.ndarray,
 ) -> None:
-    """Count, per cell, rays that passed (votes[0]) and rays that ended there (votes[1])."""
+    """Count, per cell, rays that passed (votes[0]) and rays that ended there (votes[1]).
+
+    A ray that came back (its `face` is finite) passed those cells whose middle lies before the
+    face; what it crosses between there and its end it tells nothing of: beside a wall that it
+    grazes it would else call half of the wall free.
+    """
     rows, cols = votes.shape[1:]
     cells = np.empty((2 * int(np.max(reach)) + 8, 2), dtype=np.int64)
     entry = np.empty(len(cells))
@@ -60,15 +65,13 @@ def _sweep(
             i, j = cells[n, 0], cells[n, 1]
             if i < 0 or j < 0 or i >= rows or j >= cols:
                 break
-            if hit[k] and n == count - 1:
-                votes[1, i, j] += 1
-            else:
+            if n == count - 1:
+                votes[1 if face[k] < np.inf else 0, i, j] += 1
+            elif 0.5 * (entry[n] + entry[n + 1]) < face[k]:
                 votes[0, i, j] += 1
 
 
-def look_log_odds(
-    frame: GridFrame, pose: Pose, ranges_m: Floats, sensor: SensorSettings
-) -> Floats:
+def look_log_odds(frame: GridFrame, pose: Pose, ranges_m: Floats, sensor: SensorSettings) -> Floats:
     """Return what one look adds to the log-odds (rows, cols) of a map; 0 where it saw nothing.
 
     Args:
@@ -78,12 +81,13 @@ def look_log_odds(
             came back from within the sensor's range.
         sensor: its noise and range.
     """
-    hit = np.isfinite(ranges_m)
     # A solid cell's face is where it is measured: the cell itself lies half a cell beyond.
-    reach = np.where(hit, ranges_m + 0.5 * frame.cell_m, sensor.range_m) / frame.cell_m
+    reach = np.where(
+        np.isfinite(ranges_m), ranges_m / frame.cell_m + 0.5, sensor.range_m / frame.cell_m
+    )
     x, y = (pose.x_m - frame.x_m) / frame.cell_m, (pose.y_m - frame.y_m) / frame.cell_m
     votes = np.zeros((2, *frame.shape), dtype=np.int32)
-    _sweep(votes, (x, y), pose.yaw_rad + fan_rad(sensor), reach, hit)
+    _sweep(votes, (x, y), pose.yaw_rad + fan_rad(sensor), reach, ranges_m / frame.cell_m)
     row, col = np.nonzero(votes[0] + votes[1])
     away_m = np.hypot(row + 0.5 - y, col + 0.5 - x) * frame.cell_m
     sure = evidence(np.minimum(away_m, sensor.range_m), frame.cell_m, sensor)

@@ -25,6 +25,8 @@ EXPERIMENTS = {
     "edge": "the cliff edge as a polygon on ground strewn with rocks",
     "localisation": "how a camera's error grows with its way, by the fiducials that it goes by",
     "markov": "unknown cells estimated from known ones, and how sure one may be of them",
+    "planar-one": "one robot maps a plane: the paper's five ways to choose a look, and ours",
+    "planar-two": "two robots map a plane together, by the same ways",
     "sharing": "what thin links do to a team, by the way of sharing and by rate",
 }
 """Name and one line of each, in the order in which they are listed."""

@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -156,9 +157,7 @@ class Exploration:
         """Return how long driving, turning on the spot and looking take."""
         legs = np.diff(plan.path_m, axis=0)
         yaws = [pose.yaw_rad, *np.arctan2(legs[:, 1], legs[:, 0]), plan.pose.yaw_rad]
-        turned = sum(
-            abs(wrap_angle(float(b) - float(a))) for a, b in zip(yaws, yaws[1:], strict=False)
-        )
+        turned = sum(abs(wrap_angle(float(b) - float(a))) for a, b in pairwise(yaws))
         drive = self.setup.drive
         driving_s = paths.length_m(plan.path_m) / drive.speed_mps + turned / drive.turn_rate_radps
         return driving_s + self.setup.sensor.look_s
@@ -166,7 +165,7 @@ class Exploration:
     def _bumps(self, path_m: Floats) -> int:
         """Return 1 if the way leads through a cell where no robot fits."""
         frame = self.world.frame
-        for a, b in zip(path_m, path_m[1:], strict=False):
+        for a, b in pairwise(path_m):
             steps = max(1, math.ceil(float(np.hypot(*(b - a))) / (0.25 * frame.cell_m)))
             points = a + np.linspace(0.0, 1.0, steps + 1)[:, None] * (b - a)
             cells = frame.cells_of(points)
