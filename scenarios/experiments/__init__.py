@@ -22,6 +22,9 @@ The frame does the rest: processes, folder, `rows.csv` (all that was measured), 
 
 EXPERIMENTS = {
     "compress": "what the paper's map codec and its four compressors cost, and what they lose",
+    "edge": "the cliff edge as a polygon on ground strewn with rocks",
+    "localisation": "how a camera's error grows with its way, by the fiducials that it goes by",
+    "markov": "unknown cells estimated from known ones, and how sure one may be of them",
     "sharing": "what thin links do to a team, by the way of sharing and by rate",
 }
 """Name and one line of each, in the order in which they are listed."""
