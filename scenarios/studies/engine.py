@@ -5,13 +5,16 @@ Nothing here queues, schedules or restarts: that is Dask's. A trial that raises 
 """
 
 import contextlib
+import importlib
 import logging
 import os
+import signal
 import tempfile
 from collections.abc import Callable, Generator, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from comms import kernels
 from scenarios.errors import UsageError
 from scenarios.studies.study import Trial
 from scenarios.studies.trial import Told, measure
@@ -25,11 +28,23 @@ Engine = Callable[[Sequence[Trial], Path], Iterator[tuple[Trial, Told]]]
 DEATHS = 3
 """A trial whose process dies so often is given up."""
 CONNECT_S = 10
-_SETTINGS = {
-    "distributed.scheduler.allowed-failures": DEATHS - 1,
-    # Trials wait in the scheduler, not on a worker whose death would count as theirs.
-    "distributed.scheduler.worker-saturation": 1.0,
-}
+LOCAL = "127.0.0.1"
+"""A cluster of our own listens to nobody else."""
+
+
+def dask_setup(worker: object) -> None:
+    """Leave Ctrl-C to the sweep (called by Dask in each process of a cluster of our own)."""
+    del worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _settings() -> dict[str, Any]:
+    return {
+        "distributed.scheduler.allowed-failures": DEATHS - 1,
+        # Trials wait in the scheduler, not on a worker whose death would count as theirs.
+        "distributed.scheduler.worker-saturation": 1.0,
+        "distributed.worker.preload": [__name__],
+    }
 
 
 def in_turn(trials: Sequence[Trial], out: Path) -> Iterator[tuple[Trial, Told]]:
@@ -44,10 +59,19 @@ def on_dask(jobs: int | None = None, scheduler: str = "") -> Engine:
 
     def run(trials: Sequence[Trial], out: Path) -> Iterator[tuple[Trial, Told]]:
         workers = min(jobs or len(os.sched_getaffinity(0)), len(trials))
+        if not scheduler:
+            _compile()
         with _client(workers, scheduler) as client:
             yield from _run(client, trials, None if scheduler else out)
 
     return run
+
+
+def _compile() -> None:
+    """Compile the kernels once, where that was never done, before all workers do it at a time."""
+    if not kernels.is_warm():
+        importlib.import_module("scenarios.preload")
+        kernels.mark_warm()
 
 
 def _run(
@@ -70,7 +94,7 @@ def _run(
 def _death(raised: Any, trace: str) -> Told:
     """Return what is told of a trial that could not tell anything itself."""
     error = raised[1] if isinstance(raised, tuple) else raised
-    return Told("failed", f"its process died {DEATHS} times", f"{error!r}\n\n{trace}")
+    return Told("failed", f"its process died ({DEATHS} times)", f"{error!r}\n\n{trace}")
 
 
 def _taken(path: Path | None) -> str:
@@ -105,11 +129,13 @@ def _client(workers: int, scheduler: str) -> Generator["Client"]:
         return
     with (
         tempfile.TemporaryDirectory(prefix="ropeteam-dask-") as scratch,
-        config.set(_SETTINGS),
+        config.set(_settings()),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
-            dashboard_address=cast("str", None),  # none is started
+            host=LOCAL,
+            dashboard_address=f"{LOCAL}:0",
+            worker_dashboard_address=f"{LOCAL}:0",
             local_directory=scratch,
             silence_logs=logging.CRITICAL,
         ) as cluster,

@@ -204,8 +204,9 @@ def _scale(axes: "Axes", lines: Sequence[Line], places: dict[Number, float]) -> 
             axes.set_xscale("log")
         axes.set_xticks(at, [f"{value:g}" for value in at], color=INK)
         axes.minorticks_off()
-    means = [p.y.mean for line in lines for p in line.points if p.y is not None]
-    if min(means) > 0 and max(means) / min(means) > LOG_RATIO:
+    shown = [p.y for line in lines for p in line.points if p.y is not None]
+    low, high = min(one.mean for one in shown), max(one.mean for one in shown)
+    if low > 0 and high / low > LOG_RATIO:
         axes.set_yscale("log")
-    elif min(means) >= 0:
-        axes.set_ylim(bottom=0)
+    elif low >= 0 and high > 0:
+        axes.set_ylim(0, 1.06 * max(one.mean + (one.half_width or 0.0) for one in shown))

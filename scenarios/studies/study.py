@@ -21,7 +21,6 @@ from scenarios.overrides import Override, parse_override, split_key
 from scenarios.problems import sentences
 from scenarios.schema import Scenario, dump, load
 
-STUDIES = shelf.LIBRARY / "studies"
 MAX_TRIALS = 100_000
 """More than anybody waits for."""
 ID_CHARS = 12
@@ -89,16 +88,6 @@ class Trial:
     """The complete scenario, as TOML."""
 
 
-def names() -> list[str]:
-    """Return the names of the studies that come with the program, sorted."""
-    return sorted(path.stem for path in STUDIES.glob("*.toml"))
-
-
-def titles() -> dict[str, str]:
-    """Return the title of each study that comes with the program."""
-    return {name: str(shelf.read(STUDIES / f"{name}.toml").get("title", "")) for name in names()}
-
-
 def find(name_or_path: str) -> Path:
     """Return the study file that a user means: a name of those shipped, or a path.
 
@@ -109,9 +98,10 @@ def find(name_or_path: str) -> Path:
     path = Path(name_or_path)
     if path.is_file():
         return path
-    if name_or_path in names():
-        return STUDIES / f"{name_or_path}.toml"
-    allowed = f"{', '.join(names())}, or a path to a .toml file"
+    shipped = shelf.names(shelf.STUDIES)
+    if name_or_path in shipped:
+        return shelf.STUDIES / f"{name_or_path}.toml"
+    allowed = f"{', '.join(shipped)}, or a path to a .toml file"
     raise ScenarioError([f"{name_or_path}: there is no such study; allowed: {allowed}"])
 
 
