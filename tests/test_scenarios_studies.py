@@ -3,10 +3,14 @@
 import json
 import math
 import os
+import re
+import shlex
 import signal
 import subprocess
 import sys
+import textwrap
 import time
+import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -112,8 +116,6 @@ def test_trials_are_all_combinations_each_a_complete_scenario(tmp_path: Path) ->
     assert [t.values["seed"] for t in made[:4]] == [1, 2, 1, 2]
     assert len({t.id for t in made}) == len(made)
     for trial in made:
-        import tomllib  # noqa: PLC0415
-
         scenario = parse(tomllib.loads(trial.text), "test")
         assert scenario.links.rate_bps == trial.values["links.rate_bps"]
         assert scenario.sharing.policy == trial.values["sharing.policy"]
@@ -195,6 +197,33 @@ def test_the_studies_that_come_along_are_sound_and_say_what_they_answer(name: st
     assert study.plot is not None
     for column in (study.plot.x, study.plot.by):
         assert column is None or column in made[0].values
+
+
+@pytest.mark.parametrize("name", shelf.names(shelf.STUDIES))
+def test_what_a_study_says_can_be_typed_can_be(name: str) -> None:
+    lines = [line.lstrip("# ").removeprefix("Try:").strip() for line in find(name).open()]
+    typed = [shlex.split(line)[1:] for line in lines if line.startswith("ropeteam ")]
+    assert typed
+    for argv in typed:
+        cli.make_parser().parse_args(argv)
+
+
+def test_the_study_of_the_documents_is_sound(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "studies.md").read_text()
+    text = textwrap.dedent(
+        re.findall(r'^ {4}name = "mine"\n(?: {4}.*\n|\n)*', page, re.MULTILINE)[0]
+    )
+    _, made, _ = study_of(tmp_path, text)
+    assert len(made) == 2 * 3 * 2 * 2 * 5
+
+
+def test_trials_that_are_the_same_are_run_once(tmp_path: Path) -> None:
+    cases = "".join(f"[[cases]]\nis = {{ lost = 0, at_s = {t} }}\n" for t in (1, 2))
+    study, made, path = study_of(tmp_path, TINY.split("[axes]", maxsplit=1)[0] + cases)
+    bench = Bench()
+    result = sweep(study, made, tmp_path / "out", bench, source=path.read_text())
+    assert (len(made), len(bench.ran), result.total) == (4, 2, 2)
+    assert [row["at_s"] for row in read_table(tmp_path / "out")] == [1, 1, 2, 2]
 
 
 def test_the_studies_that_were_promised_are_there() -> None:
