@@ -201,7 +201,8 @@ def test_the_studies_that_come_along_are_sound_and_say_what_they_answer(name: st
 
 @pytest.mark.parametrize("name", shelf.names(shelf.STUDIES))
 def test_what_a_study_says_can_be_typed_can_be(name: str) -> None:
-    lines = [line.lstrip("# ").removeprefix("Try:").strip() for line in find(name).open()]
+    text = find(name).read_text()
+    lines = [line.lstrip("# ").removeprefix("Try:").strip() for line in text.splitlines()]
     typed = [shlex.split(line)[1:] for line in lines if line.startswith("ropeteam ")]
     assert typed
     for argv in typed:
