@@ -134,7 +134,8 @@ class Robot(Member):
         new = measured & ~known_before
         self.log.look(
             exposure,
-            expected_cells=float(np.sum(expected)),
+            # In single precision the order in which numpy adds up would show in the record.
+            expected_cells=round(float(np.sum(expected, dtype=np.float64)), 3),
             obtained_cells=int(np.count_nonzero(measured)),
             new_cells=int(np.count_nonzero(new)),
         )

@@ -273,9 +273,9 @@ def fan_size(range_m: float, cell_m: float) -> tuple[int, int]:
 def _empty_fan(range_m: float, cell_m: float) -> Fan:
     bearings, points = fan_size(range_m, cell_m)
     return Fan(
-        np.empty((bearings, points)),
-        np.empty((bearings, points)),
-        np.empty((bearings, (points + BLOCK - 1) // BLOCK)),
+        np.zeros((bearings, points)),
+        np.zeros((bearings, points)),
+        np.zeros((bearings, (points + BLOCK - 1) // BLOCK)),
         np.exp(-np.arange(points + 1) * cell_m / CORRELATED_M),
     )
 
