@@ -19,10 +19,12 @@ RUN_FILES = (
     "rows.csv",
     "experiment.json",
     "figure.png",
+    "study.toml",
+    "trials.parquet",
 )
 RUN_PATTERNS = ("*.mcap", "*.log", ".*.part")
-RUN_FOLDERS = ("robots",)
-"""Robots keep what must outlive a crash here, one folder each."""
+RUN_FOLDERS = ("robots", "trials")
+"""What robots keep to outlive a crash, one folder each; what the trials of a sweep left."""
 
 
 def choose(name: str, seed: int) -> Path:

@@ -22,6 +22,7 @@ from agents.roles import ROLES
 from comms.air import Packet
 from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.dice import dice
+from scenarios.handed import BORN, HANDED, pack_born, pack_handed
 from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
 from scenarios.notebook import LogFile, Notebook
 from scenarios.record import EventRow, LookRow, MapRow
@@ -63,6 +64,8 @@ class Host:
         suffix = f"-{life}" if life else ""
         log_path = plan.folder / f"{self.name}{suffix}.mcap"
         self.notebook = Notebook(self.name, LogFile(log_path), self.now_ns)
+        if isinstance(loop, VirtualLoop):
+            self.notebook.log.keep(BORN, pack_born(plan), plan.start_ns)
         self.rig = self._rig(disk)
         self.robot = Robot(
             self._agent_settings(), self.rig.hardware, disk, self, self._dice("robot", disk)
@@ -265,6 +268,7 @@ class Host:
     def run_window(self, grant: Grant, packets: list[Packet]) -> Report:
         """Take what is new, run all events before the grant's end, and report (virtual clock)."""
         assert isinstance(self.loop, VirtualLoop)
+        self.notebook.log.keep(HANDED, pack_handed(grant, packets), self.loop.now_ns)
         self.take(grant, packets)
         self.loop.run_window(grant.end_ns, grant.floor_ns)
         if any(command[0] == "finish" for command in grant.commands):

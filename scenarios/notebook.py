@@ -42,6 +42,12 @@ class LogFile:
         data = json.dumps(_finite(asdict(row))).encode()
         self._writer.add_message(self._channels[topic], t_ns, data, t_ns)
 
+    def keep(self, topic: str, data: bytes, t_ns: int) -> None:
+        """Write MessagePack under a topic of its own."""
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(topic, "msgpack", 0)
+        self._writer.add_message(self._channels[topic], t_ns, data, t_ns)
+
     def flush(self) -> None:
         """Hand what was written to the operating system."""
         self._stream.flush()

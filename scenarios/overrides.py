@@ -42,10 +42,16 @@ def parse_override(text: str) -> Override:
     option = f"--set {text}"
     if not equals:
         raise ScenarioError([f"{option}: must be KEY=VALUE, e.g. links.profile=sojourner"])
-    return Override(option, _split(key.strip(), option), parse_value(value.strip()))
+    return Override(option, split_key(key.strip(), option), parse_value(value.strip()))
 
 
-def _split(key: str, option: str) -> tuple[str, ...]:
+def split_key(key: str, option: str) -> tuple[str, ...]:
+    """Return the parts of a dotted key; `option` names in an error where it stands.
+
+    Raises:
+        ScenarioError: it is none.
+
+    """
     parts: list[str] = []
     at = 0
     while True:

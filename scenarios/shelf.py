@@ -12,27 +12,28 @@ from typing import Any
 from scenarios.errors import ScenarioError
 
 LIBRARY = Path(__file__).parent / "library"
+STUDIES = LIBRARY / "studies"
 MAX_FILE_BYTES = 1_000_000
 """A scenario file is written by hand; what is larger is something else."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One scenario of the library."""
+    """One scenario or study of the library."""
 
     name: str
     title: str
     path: Path
 
 
-def names() -> list[str]:
-    """Return the names of the library's scenarios, sorted."""
-    return sorted(path.stem for path in LIBRARY.glob("*.toml"))
+def names(shelf: Path = LIBRARY) -> list[str]:
+    """Return the names of the library's scenarios (or of its `STUDIES`), sorted."""
+    return sorted(path.stem for path in shelf.glob("*.toml"))
 
 
-def entries() -> list[Entry]:
-    """Return the library's scenarios with their titles, by name."""
-    paths = [LIBRARY / f"{name}.toml" for name in names()]
+def entries(shelf: Path = LIBRARY) -> list[Entry]:
+    """Return the library's scenarios (or its `STUDIES`) with their titles, by name."""
+    paths = [shelf / f"{name}.toml" for name in names(shelf)]
     return [Entry(path.stem, str(read(path).get("title", "")), path) for path in paths]
 
 

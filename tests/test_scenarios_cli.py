@@ -1,3 +1,4 @@
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -132,7 +133,8 @@ def test_a_fault_of_ours_exits_with_1_and_shows_where(
 def test_list_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code("list") == 0
     listed = capsys.readouterr().out
-    assert "cliff   Four robots" in listed
+    assert re.search("^cliff +Four robots", listed, re.MULTILINE)
+    assert re.search("^bandwidth +What 300 bps", listed, re.MULTILINE)
     assert "pair " in listed
     assert exit_code("--version") == 0
     assert capsys.readouterr().out.startswith("ropeteam ")

@@ -9,7 +9,7 @@ from scenarios.errors import ScenarioError
 
 def add(commands: Commands) -> None:
     """Add the commands."""
-    listing = commands.add_parser("list", help="list the scenarios that come with the program")
+    listing = commands.add_parser("list", help="list what comes with the program")
     listing.set_defaults(run=_list)
     check = commands.add_parser("check", help="check scenario files without running them")
     check.add_argument("files", nargs="+", metavar="FILE", help="a scenario file, or a name")
@@ -17,12 +17,17 @@ def add(commands: Commands) -> None:
 
 
 def _list(_: argparse.Namespace) -> int:
-    from scenarios.shelf import entries
+    from scenarios.shelf import STUDIES, entries
 
-    found = entries()
-    width = max(len(entry.name) for entry in found)
-    for entry in found:
-        print(f"{entry.name:{width}}  {entry.title}")
+    found, studies = entries(), entries(STUDIES)
+    width = max(len(entry.name) for entry in [*found, *studies])
+    for title, some in (
+        ("scenarios (ropeteam run):", found),
+        ("studies (ropeteam sweep):", studies),
+    ):
+        print(title)
+        for entry in some:
+            print(f"{entry.name:{width}}  {entry.title}")
     return OK
 
 
