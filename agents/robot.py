@@ -19,7 +19,7 @@ from agents.layers import bin_look
 from agents.member import GATE, LEG_M, Member
 from agents.messages import Fix, Status
 from agents.ports import Exposure, Hardware, Sighting
-from agents.strategies import LookPlan, View, expected_visibility, strategy
+from agents.strategies import LookPlan, View, strategy
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
@@ -52,7 +52,7 @@ class Robot(Member):
         assert camera is not None
         exposure = await camera.look(pan_rad, tilt_rad)
         expected = await asyncio.to_thread(
-            expected_visibility, self.view(), self.pose, pan_rad, tilt_rad
+            self.strategy.expect, self.view(), self.pose, pan_rad, tilt_rad
         )
         self.localise(exposure)
         await self.fuse(exposure, expected)

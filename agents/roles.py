@@ -38,7 +38,7 @@ TRIES = 40
 async def explore(robot: Robot) -> None:
     """Map: look, localise, fuse, share, plan, move (Fig. 2), until no look is worth taking."""
     robot.set_activity("exploring")
-    for pan_rad in np.linspace(0.0, 2 * math.pi, 6, endpoint=False):
+    for pan_rad in np.linspace(0, 2 * math.pi, robot.settings.planner.first_looks, endpoint=False):
         await robot.look(wrap_angle(float(pan_rad)), math.radians(-25.0))
     while robot.looks < robot.settings.planner.max_looks:
         plan = await robot.choose_look()
@@ -258,7 +258,7 @@ async def _hold_tethers(robot: Robot, x_m: float, y_m: float) -> None:
                 at = mate.status.pose
                 length_m = math.dist((at.x_m, at.y_m, at.z_m), (x_m, y_m, z_m)) + SLACK_M
                 commands.append(TetherCommand(index, length_m, rate))
-        if commands and robot.radio is not None:
+        if commands and robot.radio is not None and robot.may_speak:
             robot.radio.send_urgent(Kind.TETHER, pack_tethers(commands), "tethers")
         await asyncio.sleep(COMMAND_S)
 

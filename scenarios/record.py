@@ -190,6 +190,11 @@ class Records:
         self._down.append(Downtime(robot, start_s, end_s))
 
     @property
+    def downtimes(self) -> list[Downtime]:
+        """All spans in which a robot did not run, in the order in which they ended."""
+        return list(self._down)
+
+    @property
     def frames(self) -> list[TxRow]:
         """All frames that were begun, by start, sender and sequence."""
         return sorted(self._sent.values(), key=lambda tx: (tx.start_s, tx.sender, tx.seq))

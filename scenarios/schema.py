@@ -206,6 +206,13 @@ def _check_numbers(scenario: Scenario) -> list[Conflict]:
             for index, event in enumerate(scenario.events)
             if event.kind in ("stop", "resume")
         ]
+    if clock.mode == "real":
+        sentence = "how long thinking takes can only be said on the virtual clock"
+        conflicts += [
+            Conflict(f"events.{index}.slow", event.target, sentence)
+            for index, event in enumerate(scenario.events)
+            if event.kind == "slow"
+        ]
     if sensor.near_m >= sensor.range_m:
         sentence = f"must be below sensor.range_m = {plain(sensor.range_m)}"
         conflicts.append(Conflict("sensor.near_m", sensor.near_m, sentence))

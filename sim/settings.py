@@ -72,3 +72,5 @@ class WorldSettings(Settings):
     terrain: TerrainSettings = TerrainSettings()
     window_m: Annotated[tuple[Metres, Metres], Field(strict=False)] = (32.0, 32.0)
     """Width (east) and height (north) of the window."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None
+    """Of the made-up ground and of where the team stands on it; left out: the scenario's seed."""
