@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Protocol
+from typing import BinaryIO, Literal, Protocol
 
 
 class Files(Protocol):
@@ -37,15 +37,13 @@ class LocalFiles:
 
     def append(self, path: Path, data: bytes) -> None:
         """Write behind what a file holds."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("ab") as file:
+        with _opened(path, "ab") as file:
             file.write(data)
 
     def replace(self, path: Path, data: bytes, *, durable: bool = False) -> None:
         """Write a file under another name, and give it its own when it is whole."""
         part = path.with_name(f".{path.name}.part")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("wb") as file:
+        with _opened(part, "wb") as file:
             file.write(data)
             if durable:
                 file.flush()
@@ -55,3 +53,12 @@ class LocalFiles:
     def cut(self, path: Path, length_bytes: int) -> None:
         """Shorten a file."""
         os.truncate(path, length_bytes)
+
+
+def _opened(path: Path, mode: Literal["ab", "wb"]) -> BinaryIO:
+    """Open a file for writing; its folder is made where there is none."""
+    try:
+        return path.open(mode)
+    except FileNotFoundError:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open(mode)

@@ -44,13 +44,19 @@ def opinions(name: str, size: int, sets: int, inputs: int) -> Opinions:
     """
     if name in _shared:
         return _shared[name]
+    models, weights = _first(name, size, sets, inputs)
+    return Opinions(
+        models.copy(), weights.copy(), np.zeros(inputs, np.int64), np.zeros(inputs, np.int64)
+    )
+
+
+@cache
+def _first(name: str, size: int, sets: int, inputs: int) -> tuple[Models, Weights]:
     models, weights = fresh_models(size), np.full((sets, inputs), 65536 * 3 // 2 // inputs)
     if name in PRIORS:
         learned, weights = _unpacked(name, (sets, inputs))
         models[: learned.size] = learned
-    return Opinions(
-        models, weights.astype(np.int64), np.zeros(inputs, np.int64), np.zeros(inputs, np.int64)
-    )
+    return models, weights.astype(np.int64)
 
 
 def taps(sets: int, inputs: int) -> Units:

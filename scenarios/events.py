@@ -122,7 +122,9 @@ class Event(AllLinks):
     def link_change(self) -> LinkChange:
         """Return the change of links that this event is; it must be one."""
         assert self.kind == "link", self
-        return LinkChange(self.target, AllLinks(**{key: getattr(self, key) for key in _LINK_KEYS}))
+        return LinkChange(
+            self.target, AllLinks(**{key: getattr(self, key) for key in keys_said(self)})
+        )
 
     def trouble(self) -> Trouble:
         """Return the failing of a part of a robot that this event is; it must be one."""

@@ -110,6 +110,8 @@ _TABLES: dict[str, type[LookRow] | type[TxRow] | type[RxRow] | type[MapRow] | ty
 }
 _TAGS = {table: tag for tag, table in _TABLES.items()}
 
+_COLUMNS = {table: tuple(field.name for field in fields(table)) for table in _TAGS}
+
 LOOK_COLUMNS = tuple(field.name for field in fields(LookRow))
 FRAME_COLUMNS = (
     "from",
@@ -128,7 +130,8 @@ EVENT_COLUMNS = tuple(field.name for field in fields(EventRow))
 
 def to_wire(row: Row) -> Wire:
     """Return a row as a flat tuple of plain values, its table's name first."""
-    return (_TAGS[type(row)], *astuple(row))
+    table = type(row)
+    return (_TAGS[table], *[getattr(row, key) for key in _COLUMNS[table]])
 
 
 def from_wire(wire: Sequence[object]) -> Row:

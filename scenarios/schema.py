@@ -6,6 +6,7 @@ Keys are defined beside the code that reads them (`agents.settings`, `sim.terrai
 
 import json
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Annotated, Any, Literal, Self, cast
 
 import tomli_w
@@ -21,7 +22,7 @@ from agents.settings import (
 )
 from agents.strategies import names as methods
 from comms.linksettings import LinkChange, TeamLinks
-from comms.profiles import tightest_turn_ns
+from comms.profiles import least_latency_ns, tightest_turn_ns
 from comms.settings import Settings
 from comms.timebase import to_s
 from scenarios.errors import ScenarioError
@@ -119,6 +120,11 @@ class Scenario(Settings):
     def link_changes(self) -> list[LinkChange]:
         """Return all changes of links, by time."""
         return [event.link_change() for event in self.timeline() if event.kind == "link"]
+
+    @cached_property
+    def lookahead_ns(self) -> int:
+        """The least latency of any link at any stage: nothing travels faster."""
+        return least_latency_ns(self.links, list(self.robots), self.link_changes())
 
 
 def expand_team(robots: Any) -> Any:

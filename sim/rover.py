@@ -13,7 +13,7 @@ from agents.ports import Odometry
 from agents.settings import DriveSettings
 from comms.timebase import from_s, now_ns, sleep_until_ns
 from sim.drift import Leg, draw_leg, measure
-from sim.ground import Footing, Terrain
+from sim.ground import Terrain, footing_on
 from sim.motion import Motions, Segment
 
 STEP_M = 0.1
@@ -68,7 +68,7 @@ class RoverBody:
         """
         self.name = name
         self.hazards_hit = 0
-        self.footing = Footing(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
+        self.footing = footing_on(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
         self._drive = drive
         self._publish = publish
         self._rng = rng

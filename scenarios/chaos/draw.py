@@ -14,7 +14,7 @@ PURPOSE = 0xC4A05
 """Sets the dice of faults apart from all others of a seed."""
 MOST_FAULTS = 6
 TRIES = 12
-"""A fault that does not fit among the others (a dead robot does not hang) is drawn again so often."""
+"""A fault that does not fit among the others (the dead don't hang) is drawn again so often."""
 ROUND_S = 0.001
 
 
@@ -56,7 +56,9 @@ def _draw(scenario: Scenario, rng: np.random.Generator, name: str, horizon_s: fl
     for_s = float(np.exp(rng.uniform(np.log(1.0), np.log(horizon_s)))) if kind.heals else 0.0
     for_s = min(for_s, horizon_s - at_s)
     whom, amount = kind.whom(scenario, rng), kind.amount(rng)
-    return Fault(name, _rounded(at_s), max(ROUND_S, _rounded(for_s)) if for_s else 0.0, whom, amount)
+    return Fault(
+        name, _rounded(at_s), max(ROUND_S, _rounded(for_s)) if for_s else 0.0, whom, amount
+    )
 
 
 def _rounded(seconds: float) -> float:
@@ -67,9 +69,7 @@ def _fits(scenario: Scenario, faults: Sequence[Fault]) -> bool:
     events = [Event.model_validate(table) for table in events_of(scenario, faults)]
     joins_s = {name: robot.join_s or 0.0 for name, robot in scenario.robots.items()}
     gone = {fault.whom for fault in faults if fault.kind in ("kill", "leave")}
-    return len(gone) < len(scenario.robots) and not check_events(
-        events, joins_s, scenario.limit_s
-    )
+    return len(gone) < len(scenario.robots) and not check_events(events, joins_s, scenario.limit_s)
 
 
 def events_of(scenario: Scenario, faults: Sequence[Fault]) -> list[Table]:

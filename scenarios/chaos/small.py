@@ -4,14 +4,14 @@ Everything else is what always runs: codec, radio, sharing, repair, disk, fusion
 """
 
 from scenarios.overrides import Override, parse_override
-from scenarios.schema import MAPPERS
+from scenarios.shelf import find, read
 
 SMALL = (
     "air=memory",
     "method=wander",
     "sample_s=30",
     "world.seed=1",
-    "world.window_m=[8.0, 8.0]",
+    "world.window_m=[12.0, 4.0]",
     "world.terrain.rock_fraction=0",
     "world.terrain.jumble_m=0",
     "world.terrain.roughness_m=0.05",
@@ -20,13 +20,32 @@ SMALL = (
     "map.max_error_m=0.02",
     "sensor.columns=12",
     "sensor.rows=8",
-    "sensor.range_m=4",
+    "sensor.range_m=2.5",
     "sensor.look_s=4",
     "planner.first_looks=2",
-    "planner.max_looks=4",
+    "planner.max_looks=3",
     "planner.candidate_step_m=1",
     "drive.speed_mps=0.3",
     "drive.turn_rate_radps=0.6",
     "drive.footprint_m=0.5",
     "sharing.status_s=20",
 )
+
+LEDGE = (
+    "world.window_m=[12.0, 12.0]",
+    "world.terrain.drop_m=2",
+    "world.terrain.edge_meander_m=0.5",
+)
+"""For a team with a Cliff-bot: a low cliff with room above and below."""
+
+
+def small_changes(name_or_path: str) -> list[Override]:
+    """Return what makes a scenario small; a team that is only counted has three robots."""
+    robots = read(find(name_or_path)).get("robots", {})
+    changes: list[str] = list(SMALL)
+    if "count" in robots:
+        changes.append("robots.count=3")
+    tables = [table for table in robots.values() if isinstance(table, dict)]
+    if any(table.get("role") == "cliffbot" for table in tables):
+        changes += LEDGE
+    return [parse_override(change) for change in changes]

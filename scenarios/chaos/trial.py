@@ -1,6 +1,5 @@
 """One run under faults, and all that its records say afterwards."""
 
-import gc
 import os
 import shutil
 import tempfile
