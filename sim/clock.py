@@ -24,6 +24,10 @@ T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
 
 
+MOST_THOUGHTS = 2000
+"""Computations that a robot may make at one instant; a sound one makes a handful."""
+
+
 def _no_time(_t_ns: int) -> int:
     return 0
 
@@ -53,6 +57,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._sequence = 0
         self._timers: list[tuple[int, int, int, asyncio.Handle]] = []
         self._mail: list[tuple[int, int, int, Callable[[], None]]] = []
+        self._thoughts = (start_ns, 0)
         self.think_ns: Callable[[int], int] = _no_time
         """Simulated time that a computation takes which begins at a time."""
 
@@ -121,6 +126,7 @@ class VirtualLoop(asyncio.BaseEventLoop):
         when it began, is there so much later.
         """
         del executor
+        self._let_time_pass()
         future: asyncio.Future[T] = self.create_future()
         settle: Callable[[], None]
         try:
@@ -133,6 +139,17 @@ class VirtualLoop(asyncio.BaseEventLoop):
         else:
             settle()
         return future
+
+    def _let_time_pass(self) -> None:
+        """Raise where a robot thinks and thinks, and nothing else: it would never end."""
+        instant_ns, thoughts = self._thoughts
+        thoughts = thoughts + 1 if instant_ns == self._now_ns else 1
+        self._thoughts = (self._now_ns, thoughts)
+        if thoughts > MOST_THOUGHTS:
+            raise RuntimeError(
+                f"{thoughts} computations at {self._now_ns / NS:g} s: the program goes round in"
+                " circles without letting time pass"
+            )
 
     def next_event_ns(self) -> int | None:
         """Return the time of the next event that wakes this loop, or None."""

@@ -19,8 +19,8 @@ from scenarios.record import DELIVERED, NOT_YET_ARRIVED, RECEIVER_DOWN, SENDER_D
 
 SURE = 1e-3
 """Maps are told in single precision; so much more than was measured is nothing."""
-REFUSALS = ("damaged", "replayed", "old incarnation")
-"""Why a frame of the team's own is not believed; any other word means that something forged it."""
+REFUSALS = ("damaged", "bad-version", "replayed", "old-incarnation")
+"""Why a frame of the team's own is not believed (a flipped bit of its version comes first)."""
 LATE_S = 1e-6
 
 

@@ -33,10 +33,21 @@ SMALL = (
 
 LEDGE = (
     "world.window_m=[12.0, 12.0]",
-    "world.terrain.drop_m=2",
-    "world.terrain.edge_meander_m=0.5",
+    "world.terrain.drop_m=1.5",
+    "world.terrain.slope_deg=30",
+    "world.terrain.lip_m=1",
+    "world.terrain.edge_meander_m=0",
+    "world.terrain.roughness_m=0",
+    "world.terrain.texture_poor=0",
+    "sensor.columns=64",
+    "sensor.rows=48",
+    "sensor.range_m=12",
+    "sensor.noise_s=0.0002",
+    "sensor.look_s=3",
+    "planner.first_looks=12",
+    "planner.max_looks=12",
 )
-"""For a team with a Cliff-bot: a low cliff with room above and below."""
+"""For a team with a Cliff-bot: a bank, and a camera that shows the way down it in one round."""
 
 
 def small_changes(name_or_path: str) -> list[Override]:
