@@ -57,7 +57,10 @@ def no_cell_lost(evidence: Evidence) -> list[str]:
         for before, row in pairwise(rows):
             reborn = any(before.t_s < birth_s <= row.t_s for birth_s in births_s)
             # What a full disk refused, or a slow computer had not written yet, is told as such.
-            had = (0 if careless else before.own_cells) if reborn else before.team_cells
+            had = before.team_cells
+            if reborn:
+                seen = _seen(evidence, name, before.t_s, row.t_s)
+                had = 0 if careless else max(before.own_cells, seen)
             if row.team_cells < had:
                 broken.append(f"{name} knew {had} cells at {before.t_s:g} s, and {row.team_cells}"
                               f" at {row.t_s:g} s")  # fmt: skip
@@ -271,6 +274,12 @@ def _births_s(evidence: Evidence, name: str) -> list[float]:
         and event.what == "restart"
         and event.detail.startswith("incarnation")
     ]
+
+
+def _seen(evidence: Evidence, name: str, from_s: float, to_s: float) -> int:
+    """Return how many cells the best look of a robot in a span showed: it has at least these."""
+    looks = [x for x in evidence.records.looks if x.robot == name and from_s <= x.t_s < to_s]
+    return max((look.obtained_cells for look in looks), default=0)
 
 
 def _careless(evidence: Evidence, name: str) -> bool:
