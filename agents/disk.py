@@ -26,7 +26,8 @@ from agents.geometry import Floats, GridFrame, Pose
 from agents.layers import Anchor, OwnLayer, Submap
 from agents.store import AnchorKey, Chunk, Origin, TileKey
 
-LENGTH_BYTES = 4
+HEAD_BYTES = 8
+"""A record's length, and its complement: a spoilt length must not pass for a torn record."""
 UNKNOWN_LIFE = 255
 """The incarnation of a robot that can't know which one it is; nothing is ever said under it."""
 
@@ -247,7 +248,11 @@ class Disk:
 
 def _record(chunk: Chunk) -> bytes:
     body = _packed((tuple(chunk.key), chunk.version, chunk.data))
-    return len(body).to_bytes(LENGTH_BYTES, "little") + body + _crc(body)
+    return _head(len(body)) + body + _crc(body)
+
+
+def _head(length: int) -> bytes:
+    return length.to_bytes(4, "little") + (length ^ 0xFFFFFFFF).to_bytes(4, "little")
 
 
 def _records(data: bytes) -> _Journal:
@@ -258,10 +263,13 @@ def _records(data: bytes) -> _Journal:
     """
     chunks: list[Chunk] = []
     at, whole_bytes, spoilt = 0, 0, 0
-    while at + LENGTH_BYTES <= len(data):
-        end = at + LENGTH_BYTES + int.from_bytes(data[at : at + LENGTH_BYTES], "little")
-        body = data[at + LENGTH_BYTES : end]
-        at = end + 4
+    while at + HEAD_BYTES <= len(data):
+        start, length = at + HEAD_BYTES, int.from_bytes(data[at : at + 4], "little")
+        if data[at:start] != _head(length):
+            spoilt += 1  # where the next record begins nobody knows
+            break
+        end = start + length
+        body, at = data[start:end], end + 4
         if data[end:at] != _crc(body):
             spoilt += at < len(data)
             continue
