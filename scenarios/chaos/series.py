@@ -18,8 +18,6 @@ from scenarios.schema import Scenario
 
 BATCH = 50
 """Runs between two rounds of collecting garbage, and given to a process at once."""
-SETTLE_S = 3600.0
-"""Time that a team has for its maps to become equal once all links are sound again."""
 
 
 @dataclass(frozen=True)

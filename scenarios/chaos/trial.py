@@ -3,20 +3,23 @@
 import os
 import shutil
 import tempfile
+import tomllib
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
-from multiprocessing import active_children
+from multiprocessing import active_children, forkserver
 from pathlib import Path
+from typing import Any, cast
 
 from comms.timebase import to_s
 from scenarios.crew import Crew, MemoryCrew, Obituary
 from scenarios.ending import Actor
 from scenarios.ledger import Ledger
 from scenarios.live import LiveView
+from scenarios.processes import ZenohCrew, start_fork_server
 from scenarios.record import Records
-from scenarios.schema import Scenario, dump
+from scenarios.schema import Scenario, dump, parse
 from scenarios.stage import Stage, set_stage
 from scenarios.summary import RobotFinal
 from scenarios.virtual import VirtualRun
@@ -74,8 +77,6 @@ def run_trial(scenario: Scenario) -> Evidence:
     """Run a scenario, keep no files, and return what is known of it."""
     with _folder() as out:
         if scenario.air == "zenoh":
-            from scenarios.processes import ZenohCrew, start_fork_server  # noqa: PLC0415
-
             start_fork_server()
             crew: Crew = ZenohCrew()
         else:
@@ -111,10 +112,6 @@ def _stage_of(scenario: Scenario) -> Stage:
 
 @lru_cache(maxsize=4)
 def _made_stage(text: str) -> Stage:
-    import tomllib  # noqa: PLC0415
-
-    from scenarios.schema import parse  # noqa: PLC0415
-
     return set_stage(parse(tomllib.loads(text), "chaos"))
 
 
@@ -130,4 +127,19 @@ def _folder() -> Generator[Path]:
 
 
 def _orphans() -> list[str]:
-    return [f"{child.name} (pid {child.pid})" for child in active_children()]
+    """Return the processes of robots that still run: those known, and any other of the server's."""
+    known = {child.pid: child.name for child in active_children()}
+    server = getattr(cast("Any", forkserver)._forkserver, "_forkserver_pid", None)
+    living = [pid for pid in _children_of(server) if pid not in known] if server else []
+    return [f"{name} (pid {pid})" for pid, name in known.items()] + [f"pid {pid}" for pid in living]
+
+
+def _children_of(parent: int) -> list[int]:
+    """Return the processes, not yet ended, whose parent this is; none where there is no /proc."""
+    found: list[int] = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # ended meanwhile
+            state, above = stat.read_text().rsplit(")", 1)[1].split()[:2]
+            if int(above) == parent and state != "Z":
+                found.append(int(stat.parent.name))
+    return sorted(found)
