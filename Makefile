@@ -6,19 +6,21 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 OUT ?= runs/demo
 RUNS ?= 1000000
+CHAOS ?= 10000
 ARGS ?=
 
 SETTINGS := pyproject.toml constraints.txt
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo setup test test-all fuzz lint format scenario-keys readme-picture clean
+.PHONY: help demo setup test test-all fuzz chaos lint format scenario-keys readme-picture clean
 
 help:
 	@echo "make demo      four robots map a cliff over thin radios; ends with a picture of it"
 	@echo "make test      the tests, without the slow ones"
 	@echo "make test-all  all tests"
 	@echo "make fuzz      a million damaged and forged inputs for each decoder (RUNS=n)"
+	@echo "make chaos     10,000 small runs under random faults (CHAOS=n), none of which may break"
 	@echo "make lint      ruff, pyright (strict), and the import contract of the four rooms"
 	@echo "make setup     only set up $(VENV), with $(BIN)/ropeteam in it"
 	@echo "make clean     remove $(VENV) and what tools left behind; runs/ stays"
@@ -41,6 +43,10 @@ test-all: $(VENV)/test.stamp
 
 fuzz: $(VENV)/fuzz.stamp
 	$(BIN)/python fuzz/run.py --runs $(RUNS) $(ARGS)
+
+chaos: $(VENV)/run.stamp
+	@$(BIN)/python -m scenarios.preload
+	$(BIN)/ropeteam chaos pair --small --runs $(CHAOS) --jobs $(JOBS) --out runs/chaos.json $(ARGS)
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

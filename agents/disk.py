@@ -6,10 +6,11 @@
   published is ever published again under the next one.
 - `layer`: the own layer and the believed pose, written whole after each look.
 
-A record that was cut short by the crash ends the journal; a half-written layer is never seen.
+A record that was cut short by the crash ends the journal; a half-written layer is never seen. A
+disk that refuses is told, and the robot goes on: it maps, but it says nothing under an incarnation
+that is not on disk, and publishes nothing that is not in its journal.
 """
 
-import os
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,12 +21,16 @@ import msgpack
 import numpy as np
 
 from agents.errors import AgentError
+from agents.files import Files, LocalFiles
 from agents.geometry import Floats, GridFrame, Pose
 from agents.layers import Anchor, OwnLayer, Submap
 from agents.maps.kind import MapKind
 from agents.store import AnchorKey, Chunk, Origin, TileKey
 
-LENGTH_BYTES = 4
+HEAD_BYTES = 8
+"""A record's length, and its complement: a spoilt length must not pass for a torn record."""
+UNKNOWN_LIFE = 255
+"""The incarnation of a robot that can't know which one it is; nothing is ever said under it."""
 
 
 class DiskError(AgentError):
@@ -44,32 +49,69 @@ class Recovered:
     """Of the incarnations before the last: without them nobody knows where their maps lie."""
     pose: Pose | None = None
     covariance: Floats | None = None
+    problems: list[str] = field(default_factory=list[str])
+    """One sentence for each file, or part of one, that can't be read."""
+
+
+@dataclass(frozen=True)
+class _Journal:
+    """What a journal holds."""
+
+    chunks: list[Chunk]
+    whole_bytes: int
+    """Length up to the end of the last whole record."""
+    damaged: bool
+    """A record inside is spoilt: not all that was published is known."""
 
 
 class Disk:
     """One robot's folder."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, files: Files | None = None) -> None:
         """Use a folder; it is made when first written to."""
         self.folder = folder
         self.incarnation = 0
+        self._files: Files = files or LocalFiles()
+        self._is_known = True
+        """Whether the number of this incarnation is certain to be new."""
+        self._is_durable = False
+        self._journal_bytes: int | None = None
+        """Length of the journal's whole records; None: it may end in a torn one."""
 
     def begin(self) -> int:
         """Begin the next incarnation and make it durable; return its number, from 0.
 
         Raises:
-            DiskError: the folder can't be read or written.
+            DiskError: the folder can't be read or written. `incarnation` holds a number all the
+                same, to map under; see `confirm`.
 
         """
         path = self.folder / "incarnation"
         try:
-            before = int(path.read_text()) if path.exists() else -1
+            data = self._files.read(path)
+            self.incarnation = 0 if data is None else int(data) + 1
         except (OSError, ValueError) as error:
+            self._is_known = False
+            self.incarnation = UNKNOWN_LIFE
             raise DiskError(f"{path}: cannot be read as a number: {error}") from error
-        self.incarnation = before + 1
-        self._replace(path, str(self.incarnation).encode(), durable=True)
+        self.confirm()
         self._mend_journal()
         return self.incarnation
+
+    def confirm(self) -> None:
+        """Make sure that this incarnation is on disk; nothing may be said under it before.
+
+        Raises:
+            DiskError: it is not, or which one this is can't be known.
+
+        """
+        if self._is_durable:
+            return
+        path = self.folder / "incarnation"
+        if not self._is_known:
+            raise DiskError(f"{path}: cannot be read, so nobody knows which life this is")
+        self._replace(path, str(self.incarnation).encode(), durable=True)
+        self._is_durable = True
 
     def journal(self, chunk: Chunk) -> None:
         """Append a version that is about to be published.
@@ -78,14 +120,17 @@ class Disk:
             DiskError: it could not be written; then it must not be sent either.
 
         """
-        body = _packed((tuple(chunk.key), chunk.version, chunk.data))
-        record = len(body).to_bytes(LENGTH_BYTES, "little") + body + _crc(body)
+        self.confirm()
+        if self._journal_bytes is None:
+            self._mend_journal()
+        record = _record(chunk)
+        path = self.folder / "journal"
+        whole_bytes, self._journal_bytes = self._journal_bytes, None
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with (self.folder / "journal").open("ab") as file:
-                file.write(record)
+            self._files.append(path, record)
         except OSError as error:
-            raise DiskError(f"{self.folder / 'journal'}: cannot be written: {error}") from error
+            raise DiskError(f"{path}: cannot be written: {error}") from error
+        self._journal_bytes = (whole_bytes or 0) + len(record)
 
     def layer_content(
         self,
@@ -118,70 +163,122 @@ class Disk:
     def recover(self, frame: GridFrame, kind: MapKind[Any, Any]) -> Recovered:
         """Return what former incarnations left; nothing where this is the first.
 
-        Raises:
-            DiskError: a file is there but unreadable.
-
+        What can't be read is in `problems`. Where not all is known that was published, the cells of
+        the last incarnation's layer stay behind: team-mates may have them, and to publish them
+        again would count them twice.
         """
-        recovered = Recovered(self._read_journal()[0])
-        path = self.folder / "layer"
-        if not path.exists():
-            return recovered
+        recovered = Recovered()
         try:
-            content: Any = msgpack.unpackb(zlib.decompress(path.read_bytes()))
+            journal = _records(self._read_journal())
+        except DiskError as error:
+            journal = _Journal([], 0, damaged=True)
+            recovered.problems.append(str(error))
+        recovered.chunks = journal.chunks
+        try:
+            self._recover_layer(recovered, frame, kind, damaged=journal.damaged)
+        except DiskError as error:
+            recovered.submaps.clear()
+            recovered.problems.append(str(error))
+        return recovered
+
+    def _recover_layer(
+        self, recovered: Recovered, frame: GridFrame, kind: MapKind[Any, Any], *, damaged: bool
+    ) -> None:
+        path = self.folder / "layer"
+        try:
+            data = self._files.read(path)
+            if data is None:
+                return
+            content: Any = msgpack.unpackb(zlib.decompress(data))
             incarnation, pose, covariance, submaps, former = content
-            recovered.pose = Pose(*pose)
-            recovered.covariance = np.array(covariance).reshape(4, 4)
+            if damaged or self._lost_count_since(incarnation):
+                recovered.problems.append(f"{path}: not taken up, for the journal was spoilt")
+                submaps = list[Any]()
             robot = recovered.chunks[0].key.robot if recovered.chunks else -1
             for index, record in enumerate(submaps):
                 anchor, cells = record
                 submap = kind.restored(frame, _anchor_of(anchor), cells)
                 recovered.submaps.append((Origin(robot, incarnation), index, submap))
             recovered.anchors = {AnchorKey(*key): _anchor_of(record) for key, record in former}
+            recovered.pose = Pose(*pose)
+            recovered.covariance = np.array(covariance).reshape(4, 4)
         except (OSError, ValueError, TypeError, IndexError, zlib.error) as error:
             raise DiskError(f"{path}: is no saved layer: {error}") from error
-        return recovered
+
+    def _lost_count_since(self, incarnation: int) -> bool:
+        """Say whether a later incarnation found the journal spoilt, and put it aside."""
+        later = range(incarnation + 1, self.incarnation + 1)
+        return any(self._files.read(self._aside(number)) is not None for number in later)
+
+    def _aside(self, incarnation: int) -> Path:
+        return self.folder / f"journal.{incarnation}"
 
     def _mend_journal(self) -> None:
-        """Cut a record that was cut short off the journal: what comes next must be found."""
+        """Cut a record that was cut short off the journal: what comes next must be found.
+
+        One that is spoilt inside is put aside, and what is whole in it is written anew.
+        """
+        data = self._read_journal()
+        found = _records(data)
         path = self.folder / "journal"
-        _, whole_bytes = self._read_journal()
         try:
-            if path.exists() and path.stat().st_size > whole_bytes:
-                os.truncate(path, whole_bytes)
+            if found.damaged:
+                whole = b"".join(_record(chunk) for chunk in found.chunks)
+                self._files.replace(self._aside(self.incarnation), data)
+                self._files.replace(path, whole)
+                self._journal_bytes = len(whole)
+                return
+            if len(data) > found.whole_bytes:
+                self._files.cut(path, found.whole_bytes)
         except OSError as error:
             raise DiskError(f"{path}: cannot be mended: {error}") from error
+        self._journal_bytes = found.whole_bytes
 
-    def _read_journal(self) -> tuple[list[Chunk], int]:
-        """Return the versions in the journal, and the length of its whole records in bytes."""
+    def _read_journal(self) -> bytes:
         path = self.folder / "journal"
         try:
-            data = path.read_bytes() if path.exists() else b""
+            return self._files.read(path) or b""
         except OSError as error:
             raise DiskError(f"{path}: cannot be read: {error}") from error
-        chunks: list[Chunk] = []
-        at = 0
-        while at + LENGTH_BYTES <= len(data):
-            end = at + LENGTH_BYTES + int.from_bytes(data[at : at + LENGTH_BYTES], "little")
-            body = data[at + LENGTH_BYTES : end]
-            if data[end : end + 4] != _crc(body):
-                break  # cut short by a crash: it was never sent
-            key, version, payload = cast("tuple[list[int], int, bytes]", msgpack.unpackb(body))
-            chunks.append(Chunk(TileKey(*key), version, len(payload), 0, payload))
-            at = end + 4
-        return chunks, at
 
     def _replace(self, path: Path, data: bytes, *, durable: bool = False) -> None:
-        part = path.with_name(f".{path.name}.part")
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with part.open("wb") as file:
-                file.write(data)
-                if durable:
-                    file.flush()
-                    os.fsync(file.fileno())
-            os.replace(part, path)
+            self._files.replace(path, data, durable=durable)
         except OSError as error:
             raise DiskError(f"{path}: cannot be written: {error}") from error
+
+
+def _record(chunk: Chunk) -> bytes:
+    body = _packed((tuple(chunk.key), chunk.version, chunk.data))
+    return _head(len(body)) + body + _crc(body)
+
+
+def _head(length: int) -> bytes:
+    return length.to_bytes(4, "little") + (length ^ 0xFFFFFFFF).to_bytes(4, "little")
+
+
+def _records(data: bytes) -> _Journal:
+    """Return the versions in a journal.
+
+    What is cut short, or spoilt, at the very end is what a crash left: it was never sent. What is
+    spoilt further in was.
+    """
+    chunks: list[Chunk] = []
+    at, whole_bytes, spoilt = 0, 0, 0
+    while at + HEAD_BYTES <= len(data):
+        start, length = at + HEAD_BYTES, int.from_bytes(data[at : at + 4], "little")
+        if data[at:start] != _head(length):
+            spoilt += 1  # where the next record begins nobody knows
+            break
+        end = start + length
+        body, at = data[start:end], end + 4
+        if data[end:at] != _crc(body):
+            spoilt += at < len(data)
+            continue
+        key, version, payload = cast("tuple[list[int], int, bytes]", msgpack.unpackb(body))
+        chunks.append(Chunk(TileKey(*key), version, len(payload), 0, payload))
+        whole_bytes = at
+    return _Journal(chunks, whole_bytes, damaged=spoilt > 0)
 
 
 def _packed(content: object) -> bytes:

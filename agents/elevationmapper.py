@@ -12,7 +12,7 @@ from agents.mapper import Expected, NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.maps.elevationlook import bin_look
 from agents.ports import Exposure
-from agents.strategies import View, expected_visibility, strategy
+from agents.strategies import View, strategy
 
 if TYPE_CHECKING:
     from agents.robot import Robot
@@ -32,14 +32,15 @@ class ElevationMapper:
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
-        """Six looks all around."""
-        pans = np.linspace(0.0, 2 * math.pi, 6, endpoint=False)
+        """Looks all around."""
+        first = self.settings.planner.first_looks
+        pans = np.linspace(0.0, 2 * math.pi, first, endpoint=False)
         return tuple((float(pan), FIRST_TILT_RAD) for pan in pans)
 
     async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
         """Return Eq. 5 in the field of view, times the chance that a ray falls on a cell."""
         chances: Singles = await asyncio.to_thread(
-            expected_visibility, self.view(), self.robot.pose, pan_rad, tilt_rad
+            self.strategy.expect, self.view(), self.robot.pose, pan_rad, tilt_rad
         )
         # In single precision the order in which numpy adds up would show in the record.
         return Expected(round(float(np.sum(chances, dtype=np.float64)), 3), chances)

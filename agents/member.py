@@ -73,7 +73,7 @@ class Member:
         self.store = Store()
         self.team: TeamMap[Any, Any] = TeamMap(self.grid, self.store, self.own, self.me, kind)
         self.sharing = sharing.policy(
-            Desk(settings.sharing, self.me, len(settings.roster), self.team, disk.journal)
+            Desk(settings.sharing, self.me, len(settings.roster), self.team, self._journal)
         )
         self.sharing.weight = self.tile_weight
         self.filter = PoseFilter(settings.start, settings.start_covariance)
@@ -91,8 +91,11 @@ class Member:
         self._told: Status | None = None
         self._told_s = 0.0
         self._fixes: dict[int, Fix] = {}
+        self._owes_layer = False
+        """Cells of a former life are in the own layer, and not yet on disk under this one."""
+        self._disk_told = ""
         if self.me.incarnation > 0:
-            self._take_up(self._recovered())
+            self._take_up(disk.recover(settings.frame, kind))
 
     # --- clock and pose -----------------------------------------------------------------
 
@@ -116,19 +119,14 @@ class Member:
 
     # --- a former life ------------------------------------------------------------------
 
-    def _recovered(self) -> Recovered:
-        try:
-            return self.disk.recover(self.settings.frame, self.team.kind)
-        except DiskError as error:
-            self.log.event("disk", str(error))
-            return Recovered()
-
     def _take_up(self, recovered: Recovered) -> None:
         """Take up what a former incarnation measured.
 
         What it published is frozen under its own origin; only cells that it never published
         come into this incarnation's layer, so nothing is counted twice.
         """
+        for problem in recovered.problems:
+            self.log.event("disk", problem)
         for chunk in recovered.chunks:
             self.store.offer(chunk)
             self.team.tile_changed(chunk.key)
@@ -151,10 +149,11 @@ class Member:
             self.filter = PoseFilter(recovered.pose, recovered.covariance + lost)
         # On disk before any of it can be published: a life that ends before its first look must
         # not leave these cells behind as the former one's, to be taken up and counted once more.
+        self._owes_layer = True
         try:
-            self.disk.save_layer(self._layer_content())
+            self._save(self._layer_content())
         except DiskError as error:
-            self.log.event("disk", str(error))
+            self._tell_disk(error)
         self.log.event(
             "restart",
             f"incarnation {self.me.incarnation}: {len(recovered.chunks)} published versions and "
@@ -165,9 +164,41 @@ class Member:
         """Write the own layer to disk; a disk that fails is told, and the robot goes on."""
         content = self._layer_content()
         try:
-            await asyncio.to_thread(self.disk.save_layer, content)
+            await asyncio.to_thread(self._save, content)
         except DiskError as error:
+            self._tell_disk(error)
+
+    def _save(self, content: tuple[object, ...]) -> None:
+        self.disk.save_layer(content)
+        self._owes_layer = False
+        self._disk_told = ""
+
+    def _journal(self, chunk: Chunk) -> None:
+        """Make a version durable that is about to be published.
+
+        Raises:
+            DiskError: it is not, and must not be sent.
+
+        """
+        if self._owes_layer:
+            self._save(self._layer_content())
+        self.disk.journal(chunk)
+
+    def _tell_disk(self, error: DiskError) -> None:
+        """Say that the disk refuses; once, for as long as it does."""
+        if str(error) != self._disk_told:
+            self._disk_told = str(error)
             self.log.event("disk", str(error))
+
+    @property
+    def may_speak(self) -> bool:
+        """Whether this incarnation is on disk: nothing may be said under it before."""
+        try:
+            self.disk.confirm()
+        except DiskError as error:
+            self._tell_disk(error)
+            return False
+        return True
 
     def _layer_content(self) -> tuple[object, ...]:
         me = self.me
@@ -233,6 +264,8 @@ class Member:
 
     def choose_frame(self, now_ns: int, payload_bytes: int) -> Outgoing | None:
         """Answer the link, which is free: what goes out next?"""
+        if not self.may_speak:
+            return None
         if self._fixes:
             index = min(self._fixes)
             return Outgoing(Kind.FIX, pack_fix(self._fixes.pop(index)))
@@ -245,7 +278,7 @@ class Member:
             free = Free(now_ns / 1e9, payload_bytes, self.rate_bps(), seq)
             chosen = self.sharing.choose(free)
         except DiskError as error:
-            self.log.event("disk", str(error))
+            self._tell_disk(error)
             return None
         return None if chosen is None else Outgoing(*chosen)
 

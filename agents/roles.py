@@ -150,7 +150,7 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
     """
     failures = 0
     while math.dist((robot.pose.x_m, robot.pose.y_m), path_m[-1]) > robot.settings.map.cell_m:
-        x_m, y_m = _step_along(path_m)
+        x_m, y_m = _step_along(path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
         holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m))
         try:
             failures += not await robot.drive_to(x_m, y_m, STEP_M)
@@ -269,13 +269,21 @@ def _distance_to(frame: GridFrame, point_m: tuple[float, float]) -> Floats:
     return np.hypot(x_m, y_m)
 
 
-def _step_along(path_m: Floats) -> tuple[float, float]:
-    """Return the point one step along a path from its start."""
-    here, there = path_m[0], path_m[1] if len(path_m) > 1 else path_m[0]
-    distance_m = math.hypot(*(there - here))
-    share = min(1.0, STEP_M / distance_m) if distance_m > 0 else 1.0
-    x_m, y_m = here + share * (there - here)
-    return float(x_m), float(y_m)
+def _step_along(path_m: Floats, pose: Pose, near_m: float) -> tuple[float, float]:
+    """Return the point one step along a path from its start.
+
+    A path starts at the middle of a cell: where that point is where the robot stands (a drive to
+    it would be none, and the same step be chosen again for ever), it is a step or more farther on.
+    """
+    way_m = np.cumsum(np.concatenate([[0.0], np.hypot(*np.diff(path_m, axis=0).T)]))
+    along_m = 0.0
+    while True:
+        along_m += STEP_M
+        x_m = float(np.interp(along_m, way_m, path_m[:, 0]))
+        y_m = float(np.interp(along_m, way_m, path_m[:, 1]))
+        far = math.dist((x_m, y_m), (pose.x_m, pose.y_m)) >= near_m
+        if far or along_m >= way_m[-1]:
+            return x_m, y_m
 
 
 async def _hold_tethers(robot: Robot, x_m: float, y_m: float) -> None:
@@ -291,7 +299,7 @@ async def _hold_tethers(robot: Robot, x_m: float, y_m: float) -> None:
                 at = mate.status.pose
                 length_m = math.dist((at.x_m, at.y_m, at.z_m), (x_m, y_m, z_m)) + SLACK_M
                 commands.append(TetherCommand(index, length_m, rate))
-        if commands and robot.radio is not None:
+        if commands and robot.radio is not None and robot.may_speak:
             robot.radio.send_urgent(Kind.TETHER, pack_tethers(commands), "tethers")
         await asyncio.sleep(COMMAND_S)
 

@@ -101,6 +101,8 @@ class PlannerSettings(Settings):
     max_candidates: Annotated[int, Field(ge=1)] = 150
     min_gain_cells: NotNegative = 250.0
     """Exploration is over when no look promises this many bits of Eq. 3 (one fresh cell: 1)."""
+    first_looks: Annotated[int, Field(ge=1, le=36)] = 6
+    """Looks all round, before the first is planned."""
     max_looks: Annotated[int, Field(ge=1)] = 200
 
 

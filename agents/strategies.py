@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from agents.errors import AgentError
-from agents.geometry import Ints
+from agents.geometry import Ints, Pose, Singles
 from agents.looks import LookPlan, expected_visibility, look_gains, plan
 from agents.rating import rate
 from agents.scene import Scene, View
@@ -33,8 +33,20 @@ class Strategy(Protocol):
         """Return the next look, or None when no look is worth `min_gain_cells` bits."""
         ...
 
+    def expect(self, view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
+        """Return each cell's probability (H, W) of being measured in a look from a pose."""
+        ...
 
-class Information:
+
+class Rated:
+    """What all strategies expect of a look that rate looks by what they would show."""
+
+    def expect(self, view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
+        """Return each cell's probability (H, W) of being measured in a look from a pose."""
+        return expected_visibility(view, pose, pan_rad, tilt_rad)
+
+
+class Information(Rated):
     """The paper's method: the look that the rating function likes best (methods 4 and 5)."""
 
     def __init__(self, *, interest: bool) -> None:
@@ -67,7 +79,7 @@ class Information:
         return plan(scene, gains, (n, k, t), float(ratings[n, k, t]))
 
 
-class Random:
+class Random(Rated):
     """A candidate look drawn by lot, until none is worth taking."""
 
     def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
@@ -81,7 +93,7 @@ class Random:
         return plan(scene, gains, (n, k, t), 0.0)
 
 
-class Raster:
+class Raster(Rated):
     """Positions row by row, to and fro, one look at each (method 1); the heading goes round."""
 
     def __init__(self) -> None:
@@ -106,6 +118,30 @@ class Raster:
         return plan(scene, gains, (n, k, t), 0.0)
 
 
+class Wander:
+    """A step somewhere and a look that way, whatever the map says: costs next to no computing.
+
+    For trials in which it does not matter what is looked at (`ropeteam chaos --small`).
+    """
+
+    def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
+        """Return a look a step away, in a direction drawn by lot."""
+        heading_rad = float(rng.uniform(-math.pi, math.pi))
+        step_m = view.planner.candidate_step_m
+        here = (view.pose.x_m, view.pose.y_m)
+        there = (
+            here[0] + step_m * math.cos(heading_rad),
+            here[1] + step_m * math.sin(heading_rad),
+        )
+        tilt_rad = math.radians(view.planner.tilts_deg[0])
+        return LookPlan(there, np.array((here, there)), heading_rad, 0.0, tilt_rad, 0, 0.0, 0.0)
+
+    def expect(self, view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
+        """Expect nothing."""
+        del pose, pan_rad, tilt_rad
+        return np.zeros(view.frame.shape, dtype=np.float32)
+
+
 def _serpentine(cells: Ints, step: int) -> list[int]:
     """Return the order of cells row by row, every other row backwards."""
     band = cells[:, 0] // step
@@ -118,6 +154,7 @@ _STRATEGIES: dict[str, Callable[[], Strategy]] = {
     "information-edge": lambda: Information(interest=False),
     "raster": Raster,
     "random": Random,
+    "wander": Wander,
 }
 
 

@@ -147,12 +147,15 @@ def _said(layer: LinkSettings, name: str) -> Any:
 
 
 def _news(layer: LinkSettings, names: Iterable[str]) -> dict[str, Any]:
-    told = {name: _said(layer, name) for name in names}
+    said = {f"{key[:-2]}_ns" if key.endswith("_s") else key for key in layer.model_fields_set}
+    told = {name: _said(layer, name) for name in names if name in said}
     return {name: value for name, value in told.items() if value is not None}
 
 
 def _laid(below: LinkProfile, layer: LinkSettings) -> LinkProfile:
     """Return the link with one more layer of settings (all but `up`) laid over it."""
+    if layer.model_fields_set == {"up"}:
+        return below
     if layer.profile is not None:
         kept = {name: getattr(below, name) for name in _CIRCUMSTANCES}
         below = replace(PROFILES[layer.profile], **kept)
@@ -238,7 +241,8 @@ def least_latency_ns(
     Nothing that is sent inside a span of that length can arrive inside it. Links that are down
     count too: they may come up. A team of one has no links; it gets the longest latency there is.
     """
-    ever = _ever(links, names, changes)
+    of_latency = [c for c in changes if c.settings.latency_s or c.settings.profile]
+    ever = _ever(links, names, of_latency)
     return min((p.latency_ns for _, mine in ever for p in mine), default=from_s(3600.0))
 
 

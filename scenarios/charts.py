@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.geometry import Floats
+from scenarios.events import KINDS
 from scenarios.palette import INK, MUTED, in_kind_order, kind_colour, robot_colours
 from scenarios.record import EventRow, Records
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 _STEPS = 400
 """Moments at which sums are drawn: a pixel or two each."""
-INCIDENTS = ("kill", "stop", "resume", "restart", "join", "link", "died")
+INCIDENTS = (*KINDS, "died")
 """Events that change what the robots can do, and are marked."""
 
 

@@ -56,6 +56,10 @@ class Crew(Protocol):
         """End a robot at once, as it is."""
         ...
 
+    def dismiss(self, name: str) -> None:
+        """Let a robot go that has given its last report."""
+        ...
+
     def stop(self, name: str) -> None:
         """Hang a robot."""
         ...
@@ -163,6 +167,10 @@ class MemoryCrew:
         host = self._members.pop(name).host
         host.abandon()
         self._dead.append(host)
+
+    def dismiss(self, name: str) -> None:
+        """Drop a robot that has given its last report."""
+        self.kill(name)
 
     def stop(self, name: str) -> None:
         """Do nothing: a robot that is granted nothing hangs."""

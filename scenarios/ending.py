@@ -76,7 +76,7 @@ class Actor:
         state: State = "alive"
         if self.state in ("killed", "stopped"):
             state = "killed" if self.state == "killed" else "stopped"
-        elif told is None:
+        elif told is None or self.state == "left":
             state = "left"
         shape = tuple(told["shape"]) if told else ()
         grids = told["maps"] if told else {}

@@ -1,16 +1,30 @@
-"""What happens to a team while it runs: robots die, hang, come back or join, links change."""
+"""What happens to a team while it runs: robots die, hang, come back, join or leave, parts of them
+fail, links change.
+"""
 
 from collections.abc import Iterable, Sequence
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, get_args
 
 from pydantic import Field, model_validator
 
 from comms.linksettings import ALL, AllLinks, LinkChange, check_target, keys_said, pair_of
+from comms.timebase import from_s
 from scenarios.problems import Conflict, plain
+from sim.troubles import Trouble, TroubleKind
 
-EventKind = Literal["kill", "stop", "resume", "restart", "join", "link"]
-KINDS: tuple[EventKind, ...] = ("kill", "stop", "resume", "restart", "join", "link")
-RobotState = Literal["waiting", "alive", "stopped", "dead"]
+EventKind = Literal[
+    "kill", "stop", "resume", "restart", "join", "leave", "blind", "stuck", "full", "slow", "link"
+]
+KINDS: tuple[EventKind, ...] = get_args(EventKind)
+TROUBLES: dict[EventKind, TroubleKind] = {
+    "blind": "blind",
+    "stuck": "stuck",
+    "full": "full",
+    "slow": "slow",
+}
+"""What fails of a robot for a while, whether it runs or not: camera, wheels, disk, computer."""
+FOR_EVER_NS = 2**63 - 1
+RobotState = Literal["waiting", "alive", "stopped", "dead", "gone"]
 
 # What each event does to a robot's state, and in which states it makes sense. A restart ends the
 # robot, where it still runs, and starts it again `after_s` later.
@@ -20,12 +34,14 @@ _MOVES: dict[EventKind, tuple[tuple[RobotState, ...], RobotState]] = {
     "stop": (("alive",), "stopped"),
     "resume": (("stopped",), "alive"),
     "restart": (("alive", "stopped", "dead"), "dead"),
+    "leave": (("alive",), "gone"),
 }
 _IS: dict[RobotState, str] = {
     "waiting": "has not joined yet",
     "alive": "is running",
     "stopped": "is stopped",
     "dead": "is dead",
+    "gone": "has left",
 }
 _LINK_KEYS = tuple(AllLinks.model_fields)
 
@@ -47,6 +63,20 @@ class Event(AllLinks):
     """How long a restart takes."""
     join: str | None = None
     """A robot of the team starts now, instead of with the others."""
+    leave: str | None = None
+    """A robot ends its work in order, and says nothing more; it does not come back."""
+    blind: str | None = None
+    """A robot's camera shows nothing."""
+    stuck: str | None = None
+    """A robot's wheels don't turn, from its next leg on."""
+    full: str | None = None
+    """A robot's disk takes nothing more; what is on it can be read."""
+    slow: str | None = None
+    """A robot's computer is slow: whatever it thinks about takes `think_s` (virtual clock only)."""
+    for_s: Annotated[float, Field(gt=0)] | None = None
+    """How long blind, stuck, full and slow last; left out: to the end of the run."""
+    think_s: Annotated[float, Field(gt=0, le=3600)] | None = None
+    """Simulated seconds that each computation of a slow robot takes."""
     link: str | None = None
     """"all", a robot or a pair "sender>receiver", whose radio changes: profile, up, rate_bps..."""
 
@@ -58,6 +88,10 @@ class Event(AllLinks):
             raise ValueError(f"has {found} of {', '.join(KINDS)}; exactly one is allowed")
         if (kinds[0] == "restart") != (self.after_s is not None):
             raise ValueError("restart needs after_s (seconds), and nothing else may have it")
+        if (kinds[0] == "slow") != (self.think_s is not None):
+            raise ValueError("slow needs think_s (seconds), and nothing else may have it")
+        if self.for_s is not None and kinds[0] not in TROUBLES:
+            raise ValueError(f"has for_s; only {', '.join(TROUBLES)} may have it")
         said = keys_said(self)
         if kinds[0] == "link" and not said:
             raise ValueError(f"link needs something that changes: {', '.join(_LINK_KEYS)}")
@@ -77,10 +111,27 @@ class Event(AllLinks):
         """To whom: a robot's name; for a link also "all" or "sender>receiver"."""
         return str(getattr(self, self.kind))
 
+    @property
+    def detail(self) -> str:
+        """What is to be said of it beside its kind and target."""
+        if self.kind == "link":
+            return str(self.link_change())
+        said = {"for": self.for_s, "thinks": self.think_s, "back after": self.after_s}
+        return ", ".join(f"{word} {plain(value)} s" for word, value in said.items() if value)
+
     def link_change(self) -> LinkChange:
         """Return the change of links that this event is; it must be one."""
         assert self.kind == "link", self
-        return LinkChange(self.target, AllLinks(**{key: getattr(self, key) for key in _LINK_KEYS}))
+        return LinkChange(
+            self.target, AllLinks(**{key: getattr(self, key) for key in keys_said(self)})
+        )
+
+    def trouble(self) -> Trouble:
+        """Return the failing of a part of a robot that this event is; it must be one."""
+        assert self.kind in TROUBLES, self
+        at_ns = from_s(self.at_s)
+        until_ns = FOR_EVER_NS if self.for_s is None else at_ns + from_s(self.for_s)
+        return Trouble(TROUBLES[self.kind], at_ns, until_ns, from_s(self.think_s or 0.0))
 
 
 def in_order(events: Iterable[Event]) -> list[Event]:
@@ -141,7 +192,7 @@ def _check_states(
 
 def _check_life(name: str, numbered: Sequence[tuple[int, Event]], joins_s: float) -> list[Conflict]:
     """Walk through one robot's life, and return the events that don't fit into it."""
-    mine = [(i, e) for i, e in numbered if e.kind != "link" and e.target == name]
+    mine = [(i, e) for i, e in numbered if e.kind in _MOVES and e.target == name]
     joined_by_event = any(event.kind == "join" for _, event in mine)
     state: RobotState = "waiting" if joined_by_event else "alive"
     back_s = -1.0

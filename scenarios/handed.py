@@ -70,7 +70,7 @@ class Life:
 
         """
         try:
-            start_ns, pose, tether_m, number, segments, link_events = msgpack.unpackb(self.born)
+            start_ns, pose, tether_m, number, segments, links, troubles = msgpack.unpackb(self.born)
             return replace(
                 whole,
                 start_ns=start_ns,
@@ -78,7 +78,8 @@ class Life:
                 tether_m=tether_m,
                 first_number=number,
                 segments=tuple(segments),
-                link_events=tuple(link_events),
+                link_events=tuple(links),
+                trouble_events=tuple(troubles),
             )
         except (ValueError, TypeError, msgpack.exceptions.UnpackException) as error:
             raise LogError(f"{whole.name}'s log does not tell how it was born: {error}") from error
@@ -96,6 +97,7 @@ def pack_born(plan: Plan) -> bytes:
             plan.first_number,
             plan.segments,
             plan.link_events,
+            plan.trouble_events,
         )
     )
 

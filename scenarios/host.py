@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from agents.briefing import AgentSettings
-from agents.disk import Disk
+from agents.disk import Disk, DiskError
+from agents.files import LocalFiles
 from agents.geometry import Floats, Pose
 from agents.ports import Exposure
 from agents.robot import Robot
@@ -24,6 +25,7 @@ from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.dice import dice
 from scenarios.handed import BORN, HANDED, pack_born, pack_handed
 from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
+from scenarios.ledger import entry
 from scenarios.notebook import LogFile, Notebook
 from scenarios.record import EventRow, LookRow, MapRow
 from scenarios.schema import Scenario
@@ -32,6 +34,7 @@ from scenarios.wire import Grant, Plan, Report
 from sim.clock import ScaledLoop, VirtualLoop
 from sim.motion import Motions, Segment
 from sim.rig import Rig, make_rig
+from sim.troubles import FailingFiles, Troubles, failing
 
 START_SIGMA_M = 0.02
 START_SIGMA_RAD = 0.004
@@ -59,17 +62,26 @@ class Host:
         self._scored: object = None
         self._scorer = scorer_of(plan.terrain)
         self._tasks: list[asyncio.Task[None]] = []
-        disk = Disk(plan.folder / "robots" / self.name)
-        life = disk.begin()
-        suffix = f"-{life}" if life else ""
-        log_path = plan.folder / f"{self.name}{suffix}.mcap"
-        self.notebook = Notebook(self.name, LogFile(log_path), self.now_ns)
+        self.measured: list[Any] = []
+        self.troubles = Troubles()
+        for index in plan.trouble_events:
+            self.obey(("trouble", index))
         if isinstance(loop, VirtualLoop):
-            self.notebook.log.keep(BORN, pack_born(plan), plan.start_ns)
+            loop.think_ns = self.troubles.think_ns
+        files = FailingFiles(LocalFiles(), self.troubles, self.now_ns)
+        disk = Disk(plan.folder / "robots" / self.name, files)
+        refusal = _begin(disk)
+        life = disk.incarnation
+        suffix = f"-{life}" if life else ""
+        log = LogFile(plan.folder / f"{self.name}{suffix}.mcap") if plan.keeps_log else None
+        self.notebook = Notebook(self.name, log, self.now_ns)
+        if log is not None and isinstance(loop, VirtualLoop):
+            log.keep(BORN, pack_born(plan), plan.start_ns)
+        if refusal:
+            self.event("disk", refusal)
         self.rig = self._rig(disk)
-        self.robot = Robot(
-            self._agent_settings(), self.rig.hardware, disk, self, self._dice("robot", disk)
-        )
+        hardware = failing(self.rig.hardware, self.troubles)
+        self.robot = Robot(self._agent_settings(), hardware, disk, self, self._dice("robot", disk))
         self.own_radio = HostRadio(
             plan,
             life,
@@ -165,6 +177,8 @@ class Host:
         self, exposure: Exposure, *, expected_cells: float, obtained_cells: int, new_cells: int
     ) -> None:
         """Write down one exposure, with the true position that the robot does not know."""
+        if self.plan.keeps_ledger:
+            self.measured.append(entry(exposure, self.robot))
         t_ns = round(exposure.t_s * NS)
         pose = self.true_pose(t_ns)
         row = LookRow(
@@ -268,7 +282,8 @@ class Host:
     def run_window(self, grant: Grant, packets: list[Packet]) -> Report:
         """Take what is new, run all events before the grant's end, and report (virtual clock)."""
         assert isinstance(self.loop, VirtualLoop)
-        self.notebook.log.keep(HANDED, pack_handed(grant, packets), self.loop.now_ns)
+        if self.notebook.log is not None:
+            self.notebook.log.keep(HANDED, pack_handed(grant, packets), self.loop.now_ns)
         self.take(grant, packets)
         self.loop.run_window(grant.end_ns, grant.floor_ns)
         if any(command[0] == "finish" for command in grant.commands):
@@ -291,6 +306,10 @@ class Host:
                 self.own_radio.change_link(command[1])
             case "freeze":
                 self.motions.freeze(command[1], command[2])
+            case "trouble":
+                event = self.scenario.timeline()[command[1]]
+                if event.target == self.name:
+                    self.troubles.add(event.trouble())
             case _:
                 pass
 
@@ -299,6 +318,7 @@ class Host:
         rows, cuts = self.notebook.take()
         segments, self.segments = self.segments, []
         urgent, self.air.urgent = self.air.urgent, []
+        measured, self.measured = self.measured, []
         status, self.status = self.status, {}
         next_ns = self.loop.next_event_ns() if isinstance(self.loop, VirtualLoop) else None
         return Report(
@@ -310,6 +330,7 @@ class Host:
             segments,
             rows,
             cuts,
+            measured,
             status,
             self.fault,
         )
@@ -332,7 +353,7 @@ class Host:
             },
             "shape": list(self.plan.terrain.frame.shape),
         }
-        self.notebook.log.close()
+        self.notebook.close()
         return report
 
     def cancel(self) -> None:
@@ -346,7 +367,7 @@ class Host:
         Whoever abandons a host keeps it until it can be buried: a coroutine that is collected
         runs its `finally` blocks, and a dead robot's program must not run.
         """
-        self.notebook.log.abandon()
+        self.notebook.abandon()
 
     def bury(self) -> None:
         """Unwind what is left of the program, after the run, when nothing that it does counts."""
@@ -362,6 +383,15 @@ class Host:
         self._way = segment
         self.motions.add(segment)
         self.segments.append(segment.to_wire())
+
+
+def _begin(disk: Disk) -> str:
+    """Begin the next life on a robot's disk; return what the disk says to that, if it refuses."""
+    try:
+        disk.begin()
+    except DiskError as error:
+        return str(error)
+    return ""
 
 
 def believed_start(scenario: Scenario, starts: dict[str, Pose], name: str) -> tuple[Pose, Floats]:

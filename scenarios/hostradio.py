@@ -8,7 +8,8 @@ from comms.air import Handler, Packet
 from comms.channel import Seat
 from comms.frames import Frame, Opener, Sealer
 from comms.link import Receiver, Transmitter
-from comms.profiles import LinkProfile, least_latency_ns, resolve
+from comms.linksettings import ALL, LinkChange, pair_of
+from comms.profiles import LinkProfile, resolve
 from comms.radio import Choose, Radio
 from comms.timebase import NS, from_s, to_s
 from comms.traffic import RadioLog
@@ -22,7 +23,7 @@ from sim.propagation import Propagation
 
 def lookahead_ns(scenario: Scenario) -> int:
     """Return the least latency of any link at any stage: nothing travels faster."""
-    return least_latency_ns(scenario.links, list(scenario.robots), scenario.link_changes())
+    return scenario.lookahead_ns
 
 
 class Outbox(Protocol):
@@ -88,12 +89,11 @@ class HostLinks:
         self.mates = [name for name in self.roster if name != me]
         self._links = scenario.links
         self._timeline = scenario.timeline()
-        self._happened = list(happened)
+        self._changes = [self._timeline[index].link_change() for index in happened]
 
     def between(self, sender: str, receiver: str) -> LinkProfile:
         """Return a directed link as it is now."""
-        changes = [self._timeline[index].link_change() for index in self._happened]
-        return resolve(self._links, sender, receiver, changes)
+        return resolve(self._links, sender, receiver, self._changes)
 
     def from_me(self) -> dict[str, LinkProfile]:
         """Return the link to each team-mate, in roster order."""
@@ -109,12 +109,19 @@ class HostLinks:
 
     def happen(self, index: int, radio: Radio) -> None:
         """Let a link event happen."""
-        self._happened.append(index)
+        change = self._timeline[index].link_change()
+        self._changes.append(change)
         at_ns = self.change_ns(index)
-        for mate, profile in self.from_me().items():
-            radio.set_link(self.me, mate, profile, at_ns)
-        for mate, profile in self.to_me().items():
-            radio.set_link(mate, self.me, profile, at_ns)
+        pairs = [(self.me, mate) for mate in self.mates] + [(mate, self.me) for mate in self.mates]
+        for sender, receiver in pairs:
+            if _concerns(change, sender, receiver):
+                radio.set_link(sender, receiver, self.between(sender, receiver), at_ns)
+
+
+def _concerns(change: LinkChange, sender: str, receiver: str) -> bool:
+    if ">" in change.target:
+        return pair_of(change.target) == (sender, receiver)
+    return change.target in (ALL, sender, receiver)
 
 
 class HostRadio:

@@ -71,6 +71,11 @@ class LiveView:
         self._due_s = 0.0
         self._last: Snapshot | None = None
 
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing is shown at all."""
+        return self._quiet
+
     def __enter__(self) -> "LiveView":
         """Start."""
         self.start()

@@ -72,8 +72,8 @@ def _finite(row: dict[str, object]) -> dict[str, object]:
 class Notebook:
     """Collects the rows of one robot until its next report."""
 
-    def __init__(self, name: str, log: LogFile, now_ns: Callable[[], int]) -> None:
-        """Begin a notebook of the robot of this name, whose clock is `now_ns`."""
+    def __init__(self, name: str, log: LogFile | None, now_ns: Callable[[], int]) -> None:
+        """Begin the notebook of a robot whose clock is `now_ns`, with a log or without."""
         self.name = name
         self.log = log
         self.rows: list[object] = []
@@ -83,7 +83,8 @@ class Notebook:
     def add(self, row: Row, t_ns: int) -> None:
         """Keep a row for the runner and write it to the robot's own log."""
         self.rows.append(to_wire(row))
-        self.log.add(row, t_ns)
+        if self.log is not None:
+            self.log.add(row, t_ns)
 
     def on_tx(
         self,
@@ -112,5 +113,16 @@ class Notebook:
         """Return the rows and cuts since the last report."""
         rows, cuts = self.rows, self.cuts
         self.rows, self.cuts = [], []
-        self.log.flush()
+        if self.log is not None:
+            self.log.flush()
         return rows, cuts
+
+    def close(self) -> None:
+        """End the log in order."""
+        if self.log is not None:
+            self.log.close()
+
+    def abandon(self) -> None:
+        """Leave the log as a killed process leaves it."""
+        if self.log is not None:
+            self.log.abandon()

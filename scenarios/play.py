@@ -16,6 +16,7 @@ from comms.timebase import from_s, to_s
 from scenarios.crew import Crew, Obituary
 from scenarios.ending import Actor
 from scenarios.events import Event
+from scenarios.ledger import Ledger
 from scenarios.live import LiveView, Snapshot
 from scenarios.record import EventRow, Records, from_wire
 from scenarios.stage import Stage
@@ -44,6 +45,11 @@ class Appointment:
 class Play(ABC):
     """One run."""
 
+    keeps_logs = True
+    """Whether each robot writes its own log."""
+    ledger: Ledger | None = None
+    """What the team's sensors measured, where it is kept."""
+
     def __init__(self, stage: Stage, out: Path, crew: Crew, view: LiveView) -> None:
         """Take the stage; nothing runs yet."""
         scenario = stage.scenario
@@ -56,6 +62,7 @@ class Play(ABC):
         self.actors = {name: Actor(name, scenario.robots[name].role) for name in self.roster}
         self.tracks: dict[str, list[tuple[float, float]]] = {name: [] for name in self.roster}
         self.link_events: list[int] = []
+        self.trouble_events: list[int] = []
         self.ending = ""
         """Why the run ended: settled, limit, fault, interrupted or nobody left."""
         self.first_grant_s = 0.0
@@ -107,7 +114,7 @@ class Play(ABC):
             if self.scenario.robots[name].join_s:
                 self.at(from_s(join_s), self._joiner(name), holds_end=True)
         for index, event in enumerate(self.scenario.timeline()):
-            holds = event.kind not in ("kill", "stop")
+            holds = event.kind in ("resume", "restart", "join", "link")
             self.at(from_s(event.at_s), self._happening(index, event), holds_end=holds)
         self.at(from_s(CHECK_S / 2), self._check)
         return [name for name in self.roster if self.actors[name].state != "waiting"]
@@ -130,7 +137,7 @@ class Play(ABC):
     def _happening(self, index: int, event: Event) -> Callable[[], None]:
         def act() -> None:
             name = event.target
-            self.note(name, event.kind, str(event.link_change()) if event.kind == "link" else "")
+            self.note(name, event.kind, event.detail)
             match event.kind:
                 case "kill":
                     self._kill(name)
@@ -145,9 +152,14 @@ class Play(ABC):
                     self.at(back_ns, self._joiner(name), holds_end=True)
                 case "join":
                     self.bring_up([name])
+                case "leave":
+                    self.leave(name)
                 case "link":
                     self.link_events.append(index)
                     self._tell_all(("link", index))
+                case _:
+                    self.trouble_events.append(index)
+                    self._tell_all(("trouble", index))
 
         return act
 
@@ -185,6 +197,9 @@ class Play(ABC):
             baseline=dict(self._counts),
             segments=tuple(w for mate in self.roster for w in self._segments[mate]),
             link_events=tuple(self.link_events),
+            trouble_events=tuple(self.trouble_events),
+            keeps_log=self.keeps_logs,
+            keeps_ledger=self.ledger is not None,
         )
 
     def _up_again(self, name: str) -> None:
@@ -199,10 +214,14 @@ class Play(ABC):
             self.crew.kill(name)
             self.bury(name)
 
-    def bury(self, name: str) -> None:
+    @abstractmethod
+    def leave(self, name: str) -> None:
+        """Let a robot end its work in order, now."""
+
+    def bury(self, name: str, state: str = "killed") -> None:
         """Put on record that a robot is gone, and tell the others that it moves no more."""
         del self._news[name]
-        self._down(name, "killed")
+        self._down(name, state)
         self.motions.freeze(name, self.now_ns)
         self._tell_all(("freeze", name, self.now_ns))
 
@@ -245,6 +264,8 @@ class Play(ABC):
         self._counts[f"{told.name}#{told.incarnation}"] = told.sent
         self._take_segments(told)
         self._take_rows(told)
+        if self.ledger is not None:
+            self.ledger.add(told.name, told.measured)
         actor = self.actors[told.name]
         if told.status:
             actor.status = told.status
@@ -316,6 +337,8 @@ class Play(ABC):
 
     def show(self) -> None:
         """Show the present moment to whoever watches."""
+        if self.view.quiet:
+            return
         now_s = to_s(self.now_ns)
         robots = tuple(actor.now(now_s) for actor in self.actors.values())
         self.view.update(Snapshot(now_s, self.scenario.limit_s, robots))

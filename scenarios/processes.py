@@ -231,6 +231,11 @@ class ZenohCrew:
         robot.process.join()
         robot.process.close()
 
+    def dismiss(self, name: str) -> None:
+        """Let a process end that has given its last report; it ends by itself, or is ended."""
+        self._robots[name].process.join(CLOSE_S)
+        self.kill(name)
+
     def stop(self, name: str) -> None:
         """Hang a robot's process with SIGSTOP."""
         self._robots[name].stopped = True

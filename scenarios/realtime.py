@@ -178,6 +178,9 @@ class RealMemoryCrew:
         host.cancel()
         host.abandon()
 
+    def dismiss(self, name: str) -> None:
+        """Do nothing: who has given its last report was dropped then."""
+
     def stop(self, name: str) -> None:
         """Refuse: in one process and on the wall clock nobody can be hung alone."""
         raise AssertionError(f"{name} can't be stopped in one process on the wall clock")
@@ -250,6 +253,16 @@ class RealRun(Play):
     def bring_up(self, names: list[str]) -> None:
         """Bring robots to life; they are there a moment later."""
         self.crew.launch(self.plans(names))
+
+    def leave(self, name: str) -> None:
+        """Let a robot end in order; it is gone once its last report has come."""
+        if name in self._news:
+            self.crew.grant(name, Grant(self.now_ns, commands=[("finish",)]))
+            deadline_s = time.monotonic() + FINISH_S
+            while name not in self._finals and time.monotonic() < deadline_s:
+                self._listen()
+            self.crew.dismiss(name)
+            self.bury(name, "left")
 
     def _listen(self) -> None:
         """Take all reports that have come."""

@@ -112,6 +112,8 @@ _TABLES: dict[str, type[LookRow] | type[TxRow] | type[RxRow] | type[MapRow] | ty
 }
 _TAGS = {table: tag for tag, table in _TABLES.items()}
 
+_COLUMNS = {table: tuple(field.name for field in fields(table)) for table in _TAGS}
+
 LOOK_COLUMNS = tuple(field.name for field in fields(LookRow))
 FRAME_COLUMNS = (
     "from",
@@ -130,7 +132,8 @@ EVENT_COLUMNS = tuple(field.name for field in fields(EventRow))
 
 def to_wire(row: Row) -> Wire:
     """Return a row as a flat tuple of plain values, its table's name first."""
-    return (_TAGS[type(row)], *astuple(row))
+    table = type(row)
+    return (_TAGS[table], *[getattr(row, key) for key in _COLUMNS[table]])
 
 
 def from_wire(wire: Sequence[object]) -> Row:
@@ -190,6 +193,11 @@ class Records:
     def add_downtime(self, robot: str, start_s: float, end_s: float = math.inf) -> None:
         """Note that a robot did not run from one moment to another (or to the end)."""
         self._down.append(Downtime(robot, start_s, end_s))
+
+    @property
+    def downtimes(self) -> list[Downtime]:
+        """All spans in which a robot did not run, in the order in which they ended."""
+        return list(self._down)
 
     @property
     def frames(self) -> list[TxRow]:

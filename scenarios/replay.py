@@ -126,7 +126,15 @@ def _plan(scenario: Scenario, robot: str, out: Path) -> Plan:
         team = ", ".join(scenario.robots)
         raise UsageError(f"--robot {robot}: there is no such robot; must be one of {team}")
     stage = set_stage(scenario)
-    return Plan(scenario, robot, stage.terrain, stage.starts, stage.goal_m, out)
+    return Plan(
+        scenario=scenario,
+        name=robot,
+        terrain=stage.terrain,
+        observable=stage.truth.observable,
+        starts=stage.starts,
+        goal_m=stage.goal_m,
+        folder=out,
+    )
 
 
 def _logs(run: Path, robot: str) -> list[Path]:

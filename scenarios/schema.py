@@ -6,6 +6,7 @@ Keys are defined beside the code that reads them (`agents.settings`, `sim.terrai
 
 import json
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Annotated, Any, Literal, Self, cast
 
 import tomli_w
@@ -22,7 +23,7 @@ from agents.settings import (
 )
 from agents.sharing import POLICIES, way
 from comms.linksettings import LinkChange, TeamLinks
-from comms.profiles import tightest_turn_ns
+from comms.profiles import least_latency_ns, tightest_turn_ns
 from comms.settings import Settings
 from comms.timebase import to_s
 from scenarios.errors import ScenarioError
@@ -115,6 +116,11 @@ class Scenario(Settings):
         """Return all changes of links, by time."""
         return [event.link_change() for event in self.timeline() if event.kind == "link"]
 
+    @cached_property
+    def lookahead_ns(self) -> int:
+        """The least latency of any link at any stage: nothing travels faster."""
+        return least_latency_ns(self.links, list(self.robots), self.link_changes())
+
 
 def expand_team(robots: Any) -> Any:
     """Write `count` (and `role`) out as one table per robot: explorer-1, explorer-2 ...
@@ -200,6 +206,13 @@ def _check_numbers(scenario: Scenario) -> list[Conflict]:
             Conflict(f"events.{index}.{event.kind}", event.target, sentence)
             for index, event in enumerate(scenario.events)
             if event.kind in ("stop", "resume")
+        ]
+    if clock.mode == "real":
+        sentence = "how long thinking takes can only be said on the virtual clock"
+        conflicts += [
+            Conflict(f"events.{index}.slow", event.target, sentence)
+            for index, event in enumerate(scenario.events)
+            if event.kind == "slow"
         ]
     if sensor.near_m >= sensor.range_m:
         sentence = f"must be below sensor.range_m = {plain(sensor.range_m)}"

@@ -74,6 +74,9 @@ def set_stage(scenario: Scenario) -> Stage:
 
 def _ground(scenario: Scenario) -> Stage:
     first = next(iter(scenario.robots))
+    whole, ground_seed = scenario, scenario.world.seed
+    if ground_seed is not None:
+        scenario = scenario.model_copy(update={"seed": ground_seed})
     roles = [robot.role for robot in scenario.robots.values()]
     footprint_m = scenario.drive.footprint_m
     terrain = make_terrain(
@@ -87,7 +90,7 @@ def _ground(scenario: Scenario) -> Stage:
             starts[name] = _standing(terrain, x_m, y_m, math.radians(yaw_deg), footprint_m)
     cliffbots = [name for name, robot in scenario.robots.items() if robot.role == "cliffbot"]
     goal = descent_goal(terrain, starts[cliffbots[0]], footprint_m) if cliffbots else None
-    return Stage(scenario, terrain, starts, goal)
+    return Stage(whole, terrain, starts, goal)
 
 
 def _standing(terrain: Terrain, x_m: float, y_m: float, yaw_rad: float, footprint_m: float) -> Pose:

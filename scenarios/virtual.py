@@ -43,10 +43,19 @@ class VirtualRun(Play):
         self.crew.launch(plans)
         self._collect()
 
-    def bury(self, name: str) -> None:
-        """Take a dead robot out of the barrier."""
+    def leave(self, name: str) -> None:
+        """Let a robot end in order at this very instant, and take it out of the barrier."""
+        if name in self._news:
+            self.conductor.members[name].running = True
+            self._grant(name, self.now_ns, ("finish",))
+            self._collect()
+            self.crew.dismiss(name)
+            self.bury(name, "left")
+
+    def bury(self, name: str, state: str = "killed") -> None:
+        """Take a robot that is gone out of the barrier."""
         self.conductor.leave(name)
-        super().bury(name)
+        super().bury(name, state)
 
     def stop(self, name: str) -> None:
         """Take a robot out of the barrier, and hang it."""

@@ -42,6 +42,12 @@ class Plan:
     """Motion of the others up to now."""
     link_events: tuple[int, ...] = ()
     """Indices (in the timeline) of the link events that have happened."""
+    trouble_events: tuple[int, ...] = ()
+    """The same of the events by which parts of this robot have failed."""
+    keeps_log: bool = True
+    """Whether it writes its own log."""
+    keeps_ledger: bool = False
+    """Whether the world keeps a ledger of what its sensors measure (`scenarios.ledger`)."""
     endpoint: str = ""
     """Where the runner's Zenoh router listens; empty in the one-process form."""
     epoch_s: float | None = None
@@ -58,8 +64,8 @@ class Grant:
     """Packets to have taken, by sender, before anything runs."""
     segments: list[Any] = field(default_factory=list[Any])
     commands: list[Any] = field(default_factory=list[Any])
-    """("link", index in the timeline), ("freeze", robot, t_ns), ("begin", epoch_s)
-    on the real clock, or ("finish",)."""
+    """("link", index in the timeline), ("trouble", index in the timeline), ("freeze", robot, t_ns),
+    ("begin", epoch_s) on the real clock, or ("finish",)."""
 
     def to_wire(self) -> bytes:
         """Return the grant as MessagePack bytes."""
@@ -85,6 +91,8 @@ class Report:
     rows: list[Any] = field(default_factory=list[Any])
     cuts: list[Any] = field(default_factory=list[Any])
     """(packet number, t_s) of frames that were cut short."""
+    measured: list[Any] = field(default_factory=list[Any])
+    """Entries of the ledger, where one is kept."""
     status: Pack = field(default_factory=dict[str, Any])
     """The newest sample of the robot's state, when there is a new one."""
     fault: str = ""

@@ -18,7 +18,7 @@ from agents.settings import SensorSettings
 from comms.timebase import now_ns, to_s
 from sim.coverage import observable_cells, reachable_positions
 from sim.ground import Terrain
-from sim.scene import Scene, return_probability
+from sim.scene import Scene, return_probability, scene_of
 from sim.sighting import View, sightings
 
 __all__ = ["RangeCamera", "Scene", "expose", "observable_cells", "reachable_positions"]
@@ -129,7 +129,7 @@ class RangeCamera:
         `others(t_ns)` gives the true poses of team-mates (not the robot itself) as the world plane
         knows them at that time, its delay already taken off.
         """
-        self._scene = Scene(terrain)
+        self._scene = scene_of(terrain)
         self._sensor = sensor
         self._pose_now = pose_now
         self._others = others

@@ -15,12 +15,26 @@ import selectors
 import time
 from collections.abc import Callable
 from contextvars import Context
+from functools import partial
 from typing import Any, TypeVar, TypeVarTuple
 
 from comms.timebase import NS
 
 T = TypeVar("T")
 Ts = TypeVarTuple("Ts")
+
+
+MOST_THOUGHTS = 2000
+"""Computations that a robot may make at one instant; a sound one makes a handful."""
+
+
+def _no_time(_t_ns: int) -> int:
+    return 0
+
+
+def _settle(future: "asyncio.Future[T]", tell: Callable[[Any], None], outcome: Any) -> None:
+    if not future.done():  # nobody waits for it any more
+        tell(outcome)
 
 
 class VirtualLoop(asyncio.BaseEventLoop):
@@ -43,6 +57,9 @@ class VirtualLoop(asyncio.BaseEventLoop):
         self._sequence = 0
         self._timers: list[tuple[int, int, int, asyncio.Handle]] = []
         self._mail: list[tuple[int, int, int, Callable[[], None]]] = []
+        self._thoughts = (start_ns, 0)
+        self.think_ns: Callable[[int], int] = _no_time
+        """Simulated time that a computation takes which begins at a time."""
 
     def time(self) -> float:
         """Return the simulated time in seconds; exact to the nanosecond for 50 days."""
@@ -103,14 +120,36 @@ class VirtualLoop(asyncio.BaseEventLoop):
     def run_in_executor(  # pyright: ignore[reportIncompatibleMethodOverride]  (typed more narrowly)
         self, executor: object, func: Callable[[*Ts], T], *args: *Ts
     ) -> "asyncio.Future[T]":
-        """Run a function here and now: computing takes no simulated time, and no thread's luck."""
+        """Run a function here and now, without a thread's luck.
+
+        Computing takes no simulated time but what `think_ns` says: its outcome, of what was known
+        when it began, is there so much later.
+        """
         del executor
+        self._let_time_pass()
         future: asyncio.Future[T] = self.create_future()
+        settle: Callable[[], None]
         try:
-            future.set_result(func(*args))
+            settle = partial(_settle, future, future.set_result, func(*args))
         except Exception as error:  # the caller's to handle, as with a thread
-            future.set_exception(error)
+            settle = partial(_settle, future, future.set_exception, error)
+        think_ns = self.think_ns(self._now_ns)
+        if think_ns > 0:
+            self.call_at((self._now_ns + think_ns) / NS, settle)
+        else:
+            settle()
         return future
+
+    def _let_time_pass(self) -> None:
+        """Raise where a robot thinks and thinks, and nothing else: it would never end."""
+        instant_ns, thoughts = self._thoughts
+        thoughts = thoughts + 1 if instant_ns == self._now_ns else 1
+        self._thoughts = (self._now_ns, thoughts)
+        if thoughts > MOST_THOUGHTS:
+            raise RuntimeError(
+                f"{thoughts} computations at {self._now_ns / NS:g} s: the program goes round in"
+                " circles without letting time pass"
+            )
 
     def next_event_ns(self) -> int | None:
         """Return the time of the next event that wakes this loop, or None."""

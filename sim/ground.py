@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import cast
 
 import cv2
@@ -11,9 +12,12 @@ from scipy import ndimage
 from agents.geometry import Bools, Floats, GridFrame, Ints, Singles
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Terrain:
-    """True ground in the world frame: a height and a texture per cell centre, row 0 south."""
+    """True ground in the world frame: a height and a texture per cell centre, row 0 south.
+
+    No two are equal but the same one, so that what is worked out of one can be kept.
+    """
 
     frame: GridFrame
     elevation_m: Singles
@@ -144,7 +148,7 @@ def _steps(full_m: Floats, cell_m: float, wheel_m: float, footprint_m: float) ->
 
 
 class Footing:
-    """What the ground offers to a robot of one size, at every cell; computed once per robot."""
+    """What the ground offers to a robot of one size, at every cell."""
 
     def __init__(
         self,
@@ -183,6 +187,12 @@ class Footing:
     def ground_m(self, x_m: float, y_m: float) -> float:
         """Return the height on which the footprint rests at a point; NaN outside the window."""
         return bilinear(self.frame, self.height_m, x_m, y_m)
+
+
+@lru_cache(maxsize=2)
+def footing_on(terrain: Terrain, footprint_m: float, wheel_m: float, climb_m: float) -> Footing:
+    """Return the footing of robots of one kind, worked out once for all that are in a process."""
+    return Footing(terrain, footprint_m, wheel_m, climb_m)
 
 
 def largest_regions(mask: Bools, least_cells: float) -> Bools:

@@ -14,7 +14,7 @@ from agents.ports import Odometry
 from agents.settings import DriveSettings
 from comms.timebase import from_s, now_ns, sleep_until_ns
 from sim.drift import Leg, draw_leg, measure
-from sim.ground import Footing, Terrain
+from sim.ground import Terrain, footing_on
 from sim.motion import Motions, Segment
 
 STEP_M = 0.1
@@ -214,7 +214,7 @@ class RoverBody(WheeledBody):
         tether_now: Callable[[int], float] = _no_tether,
     ) -> None:
         """Stand at a start pose, and publish that; see `WheeledBody`."""
-        self.footing = Footing(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
+        self.footing = footing_on(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
         super().__init__(name, drive, start, publish, rng, start_ns=start_ns, tether_now=tether_now)
 
     def _refusal(self, here: Pose, there: Pose) -> str:

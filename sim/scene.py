@@ -1,5 +1,7 @@
 """True ground made ready for looking at: rays over it, and what comes back along them."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from agents.geometry import Floats
@@ -22,7 +24,7 @@ def return_probability(facing: Floats, texture: Floats) -> Floats:
 
 
 class Scene:
-    """A terrain made ready for casting rays; shared by the looks of one camera."""
+    """A terrain made ready for casting rays; shared by all looks."""
 
     def __init__(self, terrain: Terrain) -> None:
         """Find the highest points of the ground's blocks."""
@@ -51,3 +53,9 @@ class Scene:
 
     def _point(self, eye_m: Floats) -> Floats:
         return grid_point(self.terrain.frame, float(eye_m[0]), float(eye_m[1]), float(eye_m[2]))
+
+
+@lru_cache(maxsize=2)
+def scene_of(terrain: Terrain) -> Scene:
+    """Return a terrain made ready, once for all cameras in a process."""
+    return Scene(terrain)

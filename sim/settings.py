@@ -80,3 +80,5 @@ class WorldSettings(Settings):
     block of the image is at least 192 of 254."""
     obstacle_share: Annotated[float, Field(ge=0, le=0.5)] = 0.15
     """Share of a made-up floor that is solid."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None
+    """Of the made-up ground and of where the team stands on it; left out: the scenario's seed."""

@@ -119,9 +119,7 @@ deeds = st.lists(
 
 
 @example(seed=0, loss=0.0, planned=[("look", 0, 1), ("look", 0, 1), ("part", 0, 3), ("die", 0, 1)])
-@given(
-    seed=st.integers(0, 2**32 - 1), loss=st.sampled_from([0.0, 0.15, 0.4]), planned=deeds
-)
+@given(seed=st.integers(0, 2**32 - 1), loss=st.sampled_from([0.0, 0.15, 0.4]), planned=deeds)
 @settings(max_examples=20, deadline=None)
 @pytest.mark.parametrize("kind", KINDS)
 def test_whatever_befalls_a_team_its_maps_end_equal_and_true(

@@ -10,6 +10,7 @@ frame serves all who hear it; loss of a frame costs that frame and a few bytes o
 from bisect import bisect_left
 from dataclasses import dataclass
 
+from agents.disk import DiskError
 from agents.messages import CHUNK_HEADER_BYTES, pack_anchor, pack_chunks
 from agents.sharing.beliefs import stretch_of
 from agents.sharing.policy import Desk, Free, Heard, Policy
@@ -119,7 +120,12 @@ class Value(Policy):
     # --- what to send ---------------------------------------------------------------------
 
     def choose(self, free: Free) -> tuple[Kind, bytes] | None:
-        """Return the next frame's kind and payload, or None when nothing is worth sending."""
+        """Return the next frame's kind and payload, or None when nothing is worth sending.
+
+        Raises:
+            DiskError: all that is worth sending waits for a disk that takes nothing.
+
+        """
         anchor = self._missing_anchor()
         if anchor is not None:
             known = self.store.anchors[anchor]
@@ -146,8 +152,12 @@ class Value(Policy):
         return None
 
     def _choose_chunks(self, free: Free) -> list[Chunk]:
-        """Fill one frame with the chunks of most worth per byte."""
+        """Fill one frame with the chunks of most worth per byte.
+
+        What the disk does not take is not published, and left for later; the rest goes out.
+        """
         chunks: list[Chunk] = []
+        refused: dict[TileKey, DiskError] = {}
         room = free.payload_bytes
         while room >= CHUNK_HEADER_BYTES + SMALLEST_CHUNK_BYTES:
             self._refresh()
@@ -155,13 +165,20 @@ class Value(Policy):
             if key is None:
                 break
             if self._offers[key].version == FRESH:
-                self._publish(key)
+                try:
+                    self._publish(key)
+                except DiskError as error:
+                    refused[key] = error
+                    del self._offers[key]
                 continue
             chunk = self._chunk(key, room - CHUNK_HEADER_BYTES)
             chunks.append(chunk)
             room -= CHUNK_HEADER_BYTES + len(chunk.data)
             self.repair.goes_out(stretch_of(chunk), free.now_s)
             self._stale.add(key)
+        self._stale.update(refused)
+        if refused and not chunks:
+            raise next(iter(refused.values()))
         if chunks:
             self.repair.sent(free.seq, free.now_s, tuple(stretch_of(c) for c in chunks))
         return chunks
