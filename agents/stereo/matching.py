@@ -6,6 +6,7 @@ and what has no texture to be matched by is left out, and counted by its reason.
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from agents.errors import AgentError
 from agents.geometry import Bools, Singles
 
 Grey = NDArray[np.uint8]
+Pixel = TypeVar("Pixel", bound=np.generic)
 
 STEP_PX = 16
 """Semi-global matching searches multiples of this many disparities."""
@@ -25,9 +27,11 @@ SMALL_PENALTY, LARGE_PENALTY = 8, 32
 WHOLE_VOLUME = 64_000_000
 """Costs (pixels times disparities) up to which all eight ways through the image are taken; they
 need the whole volume in memory, five need a few rows of it."""
+MOST_DISPARITIES = 1000
+"""More are refused; 16 bits hold twice as many in sixteenths."""
 SUPPORT_PX = 9
 """Side of the window whose gradients say how well a pixel can be placed."""
-FLOOR_PX = 0.2
+FLOOR_PX = 0.25
 """Sigma of a disparity whatever the texture: semi-global matching leans towards whole pixels, and
 towards its neighbours. Measured on rendered and on real pairs (docs/vision.md)."""
 
@@ -52,8 +56,9 @@ class MatchSettings:
     """Patches of fewer pixels that stand alone are left out."""
     speckle_step_px: int = 2
     """A patch ends where disparity changes by more than this from one pixel to the next."""
-    max_sigma_px: float = 1.0
-    """Pixels whose texture does not place them at least this well are left out."""
+    least_texture: float = 1.5
+    """Pixels round which gradients have less power than this many times what the images' noise
+    alone would give them are left out."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,9 @@ class Matched:
         return float(np.isfinite(self.disparity_px).mean())
 
 
-def match(left: Grey, right: Grey, settings: MatchSettings, noise_dn: float | None = None) -> Matched:
+def match(
+    left: Grey, right: Grey, settings: MatchSettings, noise_dn: float | None = None
+) -> Matched:
     """Return the disparity of a rectified pair of grey images (H, W).
 
     `noise_dn` is the standard deviation of the images' noise; it is estimated if left out.
@@ -85,7 +92,8 @@ def match(left: Grey, right: Grey, settings: MatchSettings, noise_dn: float | No
     found = _matched(left, right, settings, low, count, mode)
     mirrored = _matched(_mirror(right), _mirror(left), settings, low, count, mode)
     noise = noise_level(left, right) if noise_dn is None else noise_dn
-    sigma = disparity_sigma(left, noise)
+    texture = texture_power(left)
+    of_noise = noise_power(noise)
 
     lost: dict[str, float] = {}
 
@@ -95,9 +103,10 @@ def match(left: Grey, right: Grey, settings: MatchSettings, noise_dn: float | No
         lost[reason] = float((before & ~kept).mean())
 
     lost["no match"] = float(np.isnan(found).mean())
-    drop("little texture", sigma <= settings.max_sigma_px)
+    drop("little texture", texture >= settings.least_texture * of_noise)
     drop("left and right differ", agreeing(found, _mirror(mirrored), settings.left_right_px))
     drop("stands alone", _not_speckle(found, settings))
+    sigma = disparity_sigma(np.maximum(texture - of_noise, 1e-6), noise)
     return Matched(found, np.where(np.isfinite(found), sigma, np.nan).astype(np.float32), lost)
 
 
@@ -110,9 +119,10 @@ def _check(left: Grey, right: Grey, settings: MatchSettings) -> None:
     if not (left.dtype == np.uint8 and right.dtype == np.uint8):
         raise PairError(f"images of {left.dtype} and {right.dtype}: both must have 8 bits")
     low, high, width = settings.min_disparity_px, settings.max_disparity_px, left.shape[1]
-    if not -width < low < high < width:
+    if not -width < low < high < width or high - low > MOST_DISPARITIES:
         raise PairError(
-            f"disparities {low} to {high} px: must rise, within the width of {width} px"
+            f"disparities {low} to {high} px: must rise, within the width of {width} px, and be at"
+            f" most {MOST_DISPARITIES}"
         )
     if min(left.shape) < 2 * STEP_PX:
         raise PairError(f"images of {_size(left)}: need at least {2 * STEP_PX} x {2 * STEP_PX} px")
@@ -135,7 +145,7 @@ def _mode(image: Grey, count: int) -> int:
     return cv2.StereoSGBM_MODE_SGBM
 
 
-def _mirror(image: NDArray[np.generic]) -> NDArray[np.generic]:
+def _mirror(image: NDArray[Pixel]) -> NDArray[Pixel]:
     return np.ascontiguousarray(image[:, ::-1])
 
 
@@ -148,7 +158,7 @@ def _matched(
     (they repeat the border) and cut off again, and what was matched with a margin is dropped.
     """
     area = settings.block_px**2
-    matcher = cv2.StereoSGBM_create(
+    matcher = cv2.StereoSGBM.create(
         minDisparity=low,
         numDisparities=count,
         blockSize=settings.block_px,
@@ -167,7 +177,7 @@ def _matched(
         for image in (left, right)
     ]
     raw = np.asarray(matcher.compute(wide[0], wide[1]))[:, before : before + left.shape[1]]
-    found = raw.astype(np.float32) / PARTS
+    found = (raw.astype(np.float32) / PARTS).astype(np.float32)
     across = np.arange(left.shape[1], dtype=np.float32) - found
     found[(raw < low * PARTS) | (across < 0) | (across > left.shape[1] - 1)] = np.nan
     return found
@@ -203,24 +213,27 @@ def noise_level(*images: Grey) -> float:
         rest = cv2.filter2D(image.astype(np.float32), cv2.CV_32F, mask)
         power = cv2.resize(rest * rest, None, fx=1 / 16, fy=1 / 16, interpolation=cv2.INTER_AREA)
         calmest.append(float(np.sqrt(np.quantile(power, 0.1))))
-    return max(0.3, max(calmest))
+    return max(0.3, *calmest)
 
 
-def disparity_sigma(image: Grey, noise_dn: float) -> Singles:
-    """Return how well each pixel's disparity can be known, (H, W), in px.
-
-    The Cramer-Rao bound of a shift along the row, both images noisy: 2 noise^2 / sum of squared
-    gradients over the window, less what noise itself adds to them; and the matcher's own floor.
-    """
-    smooth = image.astype(np.float32)
-    slope = cv2.Scharr(smooth, cv2.CV_32F, 1, 0, scale=1 / 32)
+def texture_power(image: Grey) -> Singles:
+    """Return the sum of squared gradients along the row over each pixel's window, (H, W)."""
+    slope = cv2.Scharr(image.astype(np.float32), cv2.CV_32F, 1, 0, scale=1 / 32)
     window = (SUPPORT_PX, SUPPORT_PX)
-    power = np.asarray(cv2.boxFilter(slope * slope, cv2.CV_32F, window, normalize=False))
-    of_noise = SUPPORT_PX**2 * _NOISE_GAIN * noise_dn**2
-    texture = np.maximum(power - of_noise, 1e-6)
-    sigma = np.sqrt(2 * noise_dn**2 / texture + FLOOR_PX**2)
-    return np.asarray(sigma, dtype=np.float32)
+    total = cv2.boxFilter(slope * slope, cv2.CV_32F, window, normalize=False)
+    return np.asarray(total, dtype=np.float32)
 
 
-_NOISE_GAIN = (2 * (3**2 + 10**2 + 3**2)) / 32**2
-"""Variance of the gradient mask's answer to noise of unit variance."""
+def noise_power(noise_dn: float) -> float:
+    """Return what noise alone, of a standard deviation in grey levels, makes of `texture_power`."""
+    gain = 2 * (3**2 + 10**2 + 3**2) / 32**2  # of the gradient's mask
+    return SUPPORT_PX**2 * gain * noise_dn**2
+
+
+def disparity_sigma(texture: Singles, noise_dn: float) -> Singles:
+    """Return how well disparity can be known, in px, by `texture_power` less `noise_power`.
+
+    The Cramer-Rao bound of a shift along the row, both images noisy: 2 noise^2 over the sum of
+    squared gradients; and the matcher's own floor.
+    """
+    return np.sqrt(2 * noise_dn**2 / texture + FLOOR_PX**2).astype(np.float32)

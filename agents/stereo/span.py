@@ -23,10 +23,7 @@ def largest_disparity(left: Grey, right: Grey) -> int:
     if left.shape != right.shape or left.ndim != 2:
         raise PairError("the two images differ in size: they are no rectified pair")
     scale = min(1.0, SMALL_PX / left.shape[1])
-    small = [
-        cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        for image in (left, right)
-    ]
+    small = [_shrunk(image, scale) for image in (left, right)]
     widest = round(small[0].shape[1] * WIDEST)
     found = match(small[0], small[1], MatchSettings(max_disparity_px=widest)).disparity_px
     known = found[np.isfinite(found)]
@@ -37,3 +34,8 @@ def largest_disparity(left: Grey, right: Grey) -> int:
         )
     largest = float(np.quantile(known, 1 - OUTLIERS)) / scale
     return min(max(16, round(ROOM * largest) + 2), left.shape[1] - 1)
+
+
+def _shrunk(image: Grey, scale: float) -> Grey:
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.uint8)

@@ -6,6 +6,7 @@ of millimetres.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from agents.stereo.tagmodel import PANEL_M, panels
 from sim.ground import Terrain
 
 Faces = NDArray[np.int32]
+Cell = TypeVar("Cell", bound=np.generic)
 BARE = -1
 """The tag of a face that carries none."""
 ROBOT_ALBEDO, MAST_ALBEDO = 0.35, 0.2
@@ -67,7 +69,7 @@ def plain(vertices_m: Floats, faces: Faces, albedo: float, pebbled: bool = False
 
 
 def terrain_faces(terrain: Terrain, origin_m: Floats) -> tuple[Floats, Faces]:
-    """Return the ground's vertices (V, 3), at the cell centres, and faces; unknown ground is open."""
+    """Return vertices (V, 3), the cell centres, and faces of the ground; the unknown is open."""
     frame = terrain.frame
     x = frame.x_m + (np.arange(frame.cols) + 0.5) * frame.cell_m - origin_m[0]
     y = frame.y_m + (np.arange(frame.rows) + 0.5) * frame.cell_m - origin_m[1]
@@ -75,16 +77,17 @@ def terrain_faces(terrain: Terrain, origin_m: Floats) -> tuple[Floats, Faces]:
     grid = np.stack((*np.meshgrid(x, y), z), axis=-1)
     index = np.arange(z.size, dtype=np.int32).reshape(z.shape)
     known = np.isfinite(z)
-    a, b, c, d = (g.ravel() for g in _corners(index))
-    whole = [k.ravel() for k in _corners(known)]
+    a, b, c, d = _corners(index)
+    whole = _corners(known)
     first = np.column_stack((a, b, d))[whole[0] & whole[1] & whole[3]]
     second = np.column_stack((a, d, c))[whole[0] & whole[2] & whole[3]]
     vertices = np.where(np.isfinite(grid), grid, 0.0).reshape(-1, 3)
     return vertices, np.concatenate((first, second))
 
 
-def _corners(grid: NDArray[np.generic]) -> tuple[NDArray[np.generic], ...]:
-    return grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:]
+def _corners(grid: NDArray[Cell]) -> list[NDArray[Cell]]:
+    """Return the south-west, south-east, north-west and north-east corners of all squares."""
+    return [g.ravel() for g in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:])]
 
 
 _BOX_FACES = np.array(
@@ -100,7 +103,9 @@ def box(size_m: Sequence[float], centre_m: Sequence[float], albedo: float, pebbl
     """Return an upright box."""
     signs = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
     corners = np.array([(x, y, z) for z in (-1, 1) for x, y in signs], dtype=np.float64)
-    return plain(corners * np.asarray(size_m) / 2 + np.asarray(centre_m), _BOX_FACES, albedo, pebbled)
+    return plain(
+        corners * np.asarray(size_m) / 2 + np.asarray(centre_m), _BOX_FACES, albedo, pebbled
+    )
 
 
 def _panel_mesh(robot: int) -> Mesh:

@@ -42,8 +42,10 @@ class _Cast:
         found: dict[str, Any] = self._scene.run(eyes_m, rays, query="INTERSECT", output=True)
         hit = np.asarray(found["geomID"]) >= 0
         range_m = np.where(hit, found["tfar"], np.inf).astype(np.float64)
-        return range_m, np.asarray(found["primID"], dtype=np.int64), np.asarray(
-            found["Ng"], dtype=np.float64
+        return (
+            range_m,
+            np.asarray(found["primID"], dtype=np.int64),
+            np.asarray(found["Ng"], dtype=np.float64),
         )
 
     def dark(self, points_m: Singles, rays: Singles) -> Bools:
@@ -89,7 +91,9 @@ class World:
 def origin_of(terrain: Terrain) -> Floats:
     """Return the point (3,) that meshes of this terrain's world are told from."""
     west, east, south, north = terrain.frame.extent_m
-    return np.array([(west + east) / 2, (south + north) / 2, float(filled(terrain.elevation_m).mean())])
+    return np.array(
+        [(west + east) / 2, (south + north) / 2, float(filled(terrain.elevation_m).mean())]
+    )
 
 
 class Moment:

@@ -18,7 +18,7 @@ from sim.stereo.settings import LensSettings, LightSettings
 Grey = NDArray[np.uint8]
 GRAINS = 4
 """Points per side of a pixel at which a painted panel is looked at."""
-WHITE, BLACK = 0.9, 0.06
+WHITE, BLACK = 0.45, 0.04
 """Albedos of a painted panel."""
 SKY_GREY = 0.35
 """Radiance of the sky, per strength."""
@@ -55,7 +55,10 @@ def aimed(eye_m: Floats, azimuth_rad: float, elevation_rad: float) -> Aim:
     ca, sa = math.cos(azimuth_rad), math.sin(azimuth_rad)
     ce, se = math.cos(elevation_rad), math.sin(elevation_rad)
     return Aim(
-        eye_m, np.array([sa, -ca, 0.0]), np.array([ca * se, sa * se, -ce]), np.array([ca * ce, sa * ce, se])
+        eye_m,
+        np.array([sa, -ca, 0.0]),
+        np.array([ca * se, sa * se, -ce]),
+        np.array([ca * ce, sa * ce, se]),
     )
 
 
@@ -83,7 +86,10 @@ def shoot(
     right, _ = _radiance(moment, other, c, centre, light, salt)
     exposure = _exposure(left, np.isfinite(depth_m), lens)
     return Shot(
-        _developed(left, exposure, lens, rng), _developed(right, exposure, lens, rng), depth_m, exposure
+        _developed(left, exposure, lens, rng),
+        _developed(right, exposure, lens, rng),
+        depth_m,
+        exposure,
     )
 
 
@@ -163,7 +169,9 @@ def _albedo(
         painted: Bools = (face >= 0) & (things.tag[np.maximum(face, 0)] >= 0)
         for k in np.unique(face[painted]):
             mine = np.flatnonzero(face == k)
-            albedo[mine] = _painted(things.panel[k], int(things.tag[k]), eye_m, rays[hit[mine]], step)
+            albedo[mine] = _painted(
+                things.panel[k], int(things.tag[k]), eye_m, rays[hit[mine]], step
+            )
     return albedo
 
 
