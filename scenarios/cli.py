@@ -9,11 +9,11 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-from scenarios.commands import experiment, link, map, run, shelf
+from scenarios.commands import experiment, link, map, run, shelf, stereo
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link)
+COMMANDS = (run, shelf, experiment, map, link, stereo)
 
 
 class _Version(argparse.Action):

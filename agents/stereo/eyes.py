@@ -20,6 +20,7 @@ from agents.stereo.points import cloud
 from agents.stereo.settings import StereoSettings
 from agents.stereo.tags import TagSearch, TagSighting, find_robots
 
+ROCKS = 0.3
 MATE_RADIUS_M, MATE_TOP_M = 0.55, 2.2
 """Points this near to a sighted team-mate's axis, and up to this high, are its own: no ground."""
 
@@ -72,9 +73,8 @@ def see(
 ) -> Seen:
     """Return what a pair of images says; `mates` are the other robots' names by their numbers."""
     calibration = calibration_of(sensor, stereo)
-    nearest_px = calibration.disparity_px(max(sensor.near_m, _NEAREST_SHARE * sensor.height_m))
-    most = min(math.ceil(nearest_px), stereo.width_px // 2)
-    matched = match(left, right, MatchSettings(max_disparity_px=max(16, most)))
+    most = largest_disparity_px(sensor, calibration, look.tilt_rad)
+    matched = match(left, right, MatchSettings(max_disparity_px=most))
     found = cloud(
         matched,
         calibration,
@@ -100,9 +100,17 @@ def see(
     return Seen(exposure, matched, tags, (*ill_conditions(left, right, matched), *tags.refused))
 
 
-_NEAREST_SHARE = 0.5
-"""Nothing a camera on a mast looks at is nearer than this share of its height; searching closer
-would cost time and find chance matches."""
+def largest_disparity_px(sensor: SensorSettings, calibration: Calibration, tilt_rad: float) -> int:
+    """Return the disparity of the nearest that a look at this tilt can show.
+
+    That is ground (or rocks of `ROCKS` of the mast's height) at the image's lower edge; to search
+    closer would cost time and find chance matches.
+    """
+    half = math.atan((calibration.height_px - 1 - calibration.cy_px) / calibration.focal_px)
+    below = max(math.sin(min(half - tilt_rad, math.pi / 2)), 0.05)
+    nearest_m = max(sensor.near_m, (1 - ROCKS) * sensor.height_m * math.cos(half) / below)
+    most = math.ceil(calibration.disparity_px(nearest_m))
+    return min(max(most, 16), calibration.width_px // 2)
 
 
 def _ground(points_m: Floats, sightings: tuple[Sighting, ...]) -> Bools:

@@ -136,7 +136,7 @@ def _across(found: Cloud, range_m: Floats) -> tuple[Floats, Floats]:
     ray = found.points_m / range_m[:, None]
     right = np.column_stack((ray[:, 2], np.zeros_like(range_m), -ray[:, 0]))
     right /= np.linalg.norm(right, axis=1, keepdims=True)
-    down = np.cross(ray, right)
+    down = np.asarray(np.cross(ray, right), dtype=np.float64)
     return _sigma_along(found, right), _sigma_along(found, down)
 
 

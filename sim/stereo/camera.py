@@ -1,4 +1,4 @@
-"""A stereo camera over simulated ground: the world renders a pair, the robot's own code reads it."""
+"""A stereo camera over simulated ground: the world renders a pair, the robot's code reads it."""
 
 import asyncio
 import math
@@ -42,7 +42,7 @@ def make_stage(
     lens: LensSettings | None = None,
     landmark: Pose | None = None,
 ) -> Stage:
-    """Return the stage of a run: robots are numbered by name; `masts_m` 0 means that one has none."""
+    """Return the stage of a run; robots are numbered by name, and 0 in `masts_m` is no mast."""
     still = [] if landmark is None else [placed(lander_mesh(), landmark, origin_of(terrain))]
     numbers = {name: number for number, name in enumerate(sorted(masts_m))}
     bodies = {name: robot_mesh(numbers[name], masts_m[name]) for name in sorted(masts_m)}

@@ -64,8 +64,9 @@ class World:
         self._ground = _Cast(*terrain_faces(terrain, self.origin_m))
         self._still = tuple(still)
         north, east = np.gradient(full, frame.cell_m)
-        self.north = north.astype(np.float32)
-        self.east = east.astype(np.float32)
+        self.north: Singles = np.asarray(north, dtype=np.float32)
+        """Slope of the ground towards north at the cell centres; `east` likewise."""
+        self.east: Singles = np.asarray(east, dtype=np.float32)
 
     def with_moving(self, moving: Sequence[Mesh]) -> "Moment":
         """Return the world with things where they are at one moment."""
