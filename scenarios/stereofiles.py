@@ -115,12 +115,11 @@ def _twelve(text: str) -> Floats:
 
 def _from_opencv(text: str) -> dict[str, float]:
     storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    found = [storage.getNode(name).mat() for name in ("P1", "P2")]
-    if found[0] is None or found[1] is None:
+    nodes = [storage.getNode(name) for name in ("P1", "P2")]
+    if any(node.empty() for node in nodes):
         raise KeyError("without P1 and P2")
-    return _from_projections(
-        np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.float64)
-    )
+    left, right = (np.asarray(node.mat(), dtype=np.float64) for node in nodes)
+    return _from_projections(left, right)
 
 
 def _from_projections(left: Floats, right: Floats) -> dict[str, float]:

@@ -5,7 +5,7 @@ either side, and the arm keeps their rows level.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +87,8 @@ def see(
     points_m = found.points_m @ turn.T + eye_m
     tags = find_robots(left, right, calibration, sorted(mates))
     sightings = tuple(_sighting(s, mates[s.robot], turn, eye_m, sensor) for s in tags.found)
-    kept = _ground(points_m, sightings) & (found.points_m[:, 2] <= sensor.range_m)
+    feet_m = [np.array(s.offset_m) for s in sightings]
+    kept = _ground(points_m, [*feet_m, *(turn @ about + eye_m for about in tags.unsure_m)])
     kept &= np.linalg.norm(found.points_m, axis=1) <= sensor.range_m
     exposure = Exposure(
         look.t_s,
@@ -113,12 +114,12 @@ def largest_disparity_px(sensor: SensorSettings, calibration: Calibration, tilt_
     return min(max(most, 16), calibration.width_px // 2)
 
 
-def _ground(points_m: Floats, sightings: tuple[Sighting, ...]) -> Bools:
-    """Say which points (N, 3) are not on a team-mate."""
+def _ground(points_m: Floats, feet_m: Sequence[Floats]) -> Bools:
+    """Say which points (N, 3) are not on a robot that stands at one of the feet (3,)."""
     kept = np.ones(points_m.shape[0], dtype=np.bool_)
-    for mate in sightings:
-        aside = np.hypot(points_m[:, 0] - mate.offset_m[0], points_m[:, 1] - mate.offset_m[1])
-        kept &= (aside > MATE_RADIUS_M) | (points_m[:, 2] - mate.offset_m[2] > MATE_TOP_M)
+    for x, y, z in feet_m:
+        aside = np.hypot(points_m[:, 0] - x, points_m[:, 1] - y)
+        kept &= (aside > MATE_RADIUS_M) | (points_m[:, 2] - z > MATE_TOP_M)
     return kept
 
 

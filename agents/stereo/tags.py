@@ -55,6 +55,8 @@ class TagSearch:
 
     found: tuple[TagSighting, ...]
     refused: tuple[str, ...]
+    unsure_m: tuple[Floats, ...] = ()
+    """About where robots are whose pose was refused, (3,) each, camera frame."""
 
 
 @dataclass(frozen=True)
@@ -68,29 +70,48 @@ class _Seen:
     right_px: Floats
 
 
+_SCALES = (1, 2)
+"""Tags are looked for in the image, and what is not found then in one twice as large."""
+_STRETCHED = np.rint(255 * np.log1p(np.arange(256) / 4) / np.log1p(255 / 4)).astype(np.uint8)
+"""Grey levels to their logarithm: a tag in the shade has the contrast of one in the sun."""
+
+
 @cache
-def _detector() -> cv2.aruco.ArucoDetector:
+def _detector(scale: int) -> cv2.aruco.ArucoDetector:
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_NONE
-    settings.adaptiveThreshConstant = 3
     settings.minMarkerPerimeterRate = 0.02
-    settings.adaptiveThreshWinSizeMin = 5
-    settings.adaptiveThreshWinSizeMax = 29
-    settings.adaptiveThreshWinSizeStep = 8
+    settings.adaptiveThreshConstant = 2
+    settings.polygonalApproxAccuracyRate = 0.06
+    if scale > 1:
+        settings.adaptiveThreshWinSizeMin = 5
+        settings.adaptiveThreshWinSizeMax = 45
+        settings.adaptiveThreshWinSizeStep = 8
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     return cv2.aruco.ArucoDetector(family, settings)
 
 
 def corners(image: Grey) -> dict[int, Floats]:
     """Return the corners (4, 2) of the tags in an image, by tag, clockwise from the upper left."""
-    found, names, _ = _detector().detectMarkers(image)
+    found: dict[int, Floats] = {}
+    for scale in _SCALES:
+        found = _detected(image, scale) | found
+    return {tag: refined(image, quad) for tag, quad in sorted(found.items())}
+
+
+def _detected(image: Grey, scale: int) -> dict[int, Floats]:
+    """Return the rough corners (4, 2) of tags, looked for in an enlarged image."""
+    large = np.asarray(_STRETCHED[image], dtype=np.uint8)
+    if scale > 1:
+        large = cv2.resize(large, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
+    found, names, _ = _detector(scale).detectMarkers(large)
     by_tag: dict[int, list[Floats]] = {}
     listed: list[int] = [] if len(found) == 0 else [int(name) for name in np.ravel(names)]
     for tag, quad in zip(listed, found, strict=True):
-        by_tag.setdefault(tag, []).append(np.asarray(quad, dtype=np.float64).reshape(4, 2))
+        large_px = np.asarray(quad, dtype=np.float64).reshape(4, 2)
+        by_tag.setdefault(tag, []).append((large_px + 0.5) / scale - 0.5)
     # A tag that shows twice is a reflection or a forgery: neither is taken.
-    single = {tag: quads[0] for tag, quads in sorted(by_tag.items()) if len(quads) == 1}
-    return {tag: refined(image, quad) for tag, quad in single.items()}
+    return {tag: quads[0] for tag, quads in by_tag.items() if len(quads) == 1}
 
 
 def find_robots(
@@ -100,6 +121,7 @@ def find_robots(
     here, there = corners(left), corners(right)
     found: list[TagSighting] = []
     refused: list[str] = []
+    unsure: list[Floats] = []
     for robot in robots:
         mine = [tag for tag in sorted(here) if robot_of(tag) == robot]
         both = [tag for tag in mine if tag in there]
@@ -108,11 +130,12 @@ def find_robots(
         if not both:
             continue
         answer = _pose(robot, _gathered(robot, both, here, there), calibration, len(both))
-        if isinstance(answer, str):
-            refused.append(f"robot {robot}: {answer}")
-        else:
+        if isinstance(answer, TagSighting):
             found.append(answer)
-    return TagSearch(tuple(found), tuple(refused))
+        else:
+            refused.append(f"robot {robot}: {answer.reason}")
+            unsure.extend(answer.about_m)
+    return TagSearch(tuple(found), tuple(refused), tuple(unsure))
 
 
 def _gathered(
@@ -126,20 +149,21 @@ def _gathered(
     )
 
 
-def _pose(robot: int, seen: _Seen, c: Calibration, tags: int) -> TagSighting | str:
+def _pose(robot: int, seen: _Seen, c: Calibration, tags: int) -> "TagSighting | _Refused":
     """Return the best pose, or why there is none."""
     tried = sorted(
         (_refined(seen, c, r, t) for r, t in _starts(seen, c)), key=lambda fit: fit.leftover_px
     )
     if not tried or tried[0].leftover_px > WORST_PX:
-        return "its corners fit no pose"
+        return _Refused("its corners fit no pose", ())
     best = tried[0]
     if _aside_deg(seen, best) > STEEPEST_DEG:
-        return "its tag is edge-on"
+        return _Refused("its tag is edge-on", (best.position_m,))
     for other in tried[1:]:
         apart = float(np.linalg.norm(cv2.Rodrigues(best.rotation.T @ other.rotation)[0]))
         if other.leftover_px < TWICE * best.leftover_px and apart > math.radians(5):
-            return "its tag is too small to tell which way it faces"
+            reason = "its tag is too small to tell which way it faces"
+            return _Refused(reason, (best.position_m, other.position_m))
     sigma = max(CORNER_SIGMA_PX, best.leftover_px)
     covariance = np.asarray(sigma**2 * np.linalg.inv(best.normal), dtype=np.float64)
     covariance[3:, 3:] += calibration_covariances(best.position_m[None, :], c)[0]
@@ -152,6 +176,12 @@ class _Fit:
     position_m: Floats
     normal: Floats
     leftover_px: float
+
+
+@dataclass(frozen=True)
+class _Refused:
+    reason: str
+    about_m: tuple[Floats, ...]
 
 
 def _starts(seen: _Seen, c: Calibration) -> list[tuple[Floats, Floats]]:
