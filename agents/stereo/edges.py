@@ -16,11 +16,11 @@ ALONG = 24
 MARGIN = 0.1
 """Share of an edge next to each corner that is left alone."""
 STEP_PX = 0.25
-WIDEST_PX = 3.0
-REACHES = (0.8, 0.6, 0.45, 0.45)
+WIDEST_PX = 1.5
+REACHES = (0.5, 0.4, 0.35, 0.35)
 """Shares of a cell that profiles reach to both sides, round by round: farther, they would meet the
 tag's own pattern, or what lies beyond its white border."""
-LEAST_PX = 1.0
+LEAST_PX = 0.75
 """Profiles reach this far at least: less, and they would not hold a blurred edge."""
 
 

@@ -16,11 +16,11 @@ from comms import kernels
 COARSEST_M = 0.8
 OCTAVES = 9
 """Wavelengths of the pattern: 0.8 m, and each half of the one before."""
-CONTRAST = 0.22
+CONTRAST = 0.25
 """Standard deviation of fully textured ground's albedo, as a share of its mean."""
 BLURRED, SHARP = 1.5, 4.0
 """Footprints per wavelength at which an octave is gone, and from which it is seen whole."""
-LATTICE_SIGMA = 0.27
+LATTICE_SIGMA = 0.37
 """Standard deviation of one octave of smoothed value noise in [-1, 1] (a test measures it)."""
 LIGHTEST, DARKEST = 2.2, 0.25
 """Bounds of a spot's albedo, as shares of the mean."""
