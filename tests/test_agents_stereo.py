@@ -25,8 +25,8 @@ from agents.stereo.matching import (
     PairError,
     agreeing,
     match,
-    noise_level,
 )
+from agents.stereo.noise import noise_by_level
 from agents.stereo.points import Cloud, cloud, covariances, fit_range_law
 from agents.stereo.span import largest_disparity
 from agents.stereo.tagmodel import TAG_M, TagError, panels, robot_of
@@ -94,7 +94,21 @@ def test_noise_alone_is_not_matched() -> None:
 def test_noise_is_measured() -> None:
     rng = np.random.default_rng(0)
     plain = np.clip(np.rint(rng.normal(90, 2.0, (240, 320))), 0, 255).astype(np.uint8)
-    assert noise_level(plain) == pytest.approx(2.0, rel=0.15)
+    assert noise_by_level(plain)[90] == pytest.approx(2.0, rel=0.15)
+
+
+def test_noise_that_grows_with_light_is_not_taken_for_texture() -> None:
+    """Shot noise: a dark sky over bright, textureless ground."""
+    rng = np.random.default_rng(0)
+    level = np.full((160, 160), 40.0)
+    level[60:] = 160.0
+    shots = [rng.normal(level, np.sqrt(level / 20)) for _ in range(2)]
+    left, right = (np.clip(np.rint(shot), 0, 255).astype(np.uint8) for shot in shots)
+    noise = noise_by_level(left, right)
+    assert noise[40] == pytest.approx(math.sqrt(2), rel=0.15)
+    assert noise[160] == pytest.approx(math.sqrt(8), rel=0.15)
+    assert (np.diff(noise) >= 0).all()
+    assert match(left, right, MatchSettings(max_disparity_px=31)).density < 0.03
 
 
 def test_agreement_is_by_the_pixel_that_the_disparity_leads_to() -> None:
@@ -291,11 +305,12 @@ def test_a_blurred_squares_corners_are_found_to_a_tenth_of_a_pixel(
     turn = math.radians(turn_deg)
     axes = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
     square = 24 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) @ axes.T + 50 + np.array(shift)
-    fine = np.full((800, 800), 200, dtype=np.uint8)
-    # A pixel centre at u lies at 8 u + 3.5 of the picture eight times as fine.
-    cv2.fillConvexPoly(fine, np.rint((square * 8 + 3.5) * 16).astype(np.int32), 20, shift=4)
+    fine_px = (np.arange(500) - 2) / 5
+    grid = np.stack(np.meshgrid(fine_px, fine_px), axis=-1) - 50 - np.array(shift)
+    inside = np.clip((24 - np.abs(grid @ axes).max(axis=-1)) / 0.2 + 0.5, 0, 1)
+    fine = (200 - 180 * inside).astype(np.float32)
     image = cv2.resize(fine, (100, 100), interpolation=cv2.INTER_AREA)
-    image = cv2.GaussianBlur(image, (0, 0), blur)
+    image = np.rint(cv2.GaussianBlur(image, (0, 0), blur)).astype(np.uint8)
     rough = square + np.array([(0.6, -0.4), (-0.3, 0.5), (0.5, 0.5), (-0.6, 0.2)])
     assert np.abs(refined(image, rough) - square).max() < 0.15
 

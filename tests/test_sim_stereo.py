@@ -75,7 +75,7 @@ def test_disparity_of_a_rendered_pair_is_true() -> None:
 
 
 def test_ground_without_texture_gives_no_points_and_says_why() -> None:
-    poor = Look(0.0, math.radians(60), math.radians(-35))
+    poor = Look(0.0, math.radians(90), math.radians(-25))
     got = shot(look=poor)
     seen = see(got.left, got.right, poor, sensor=SENSOR, stereo=STEREO, mates={})
     assert seen.matched.density < 0.3

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.errors import AgentError
-from agents.geometry import Bools, Singles
+from agents.geometry import Bools, Floats, Singles
+from agents.stereo.noise import Grey, noise_at, noise_by_level, noise_power, texture_power
 
-Grey = NDArray[np.uint8]
+__all__ = ["Grey", "MatchSettings", "Matched", "PairError", "agreeing", "match"]
+
 Pixel = TypeVar("Pixel", bound=np.generic)
 
 STEP_PX = 16
@@ -29,8 +31,6 @@ WHOLE_VOLUME = 64_000_000
 need the whole volume in memory, five need a few rows of it."""
 MOST_DISPARITIES = 1000
 """More are refused; 16 bits hold twice as many in sixteenths."""
-SUPPORT_PX = 9
-"""Side of the window whose gradients say how well a pixel can be placed."""
 FLOOR_PX = 0.25
 """Sigma of a disparity whatever the texture: semi-global matching leans towards whole pixels, and
 towards its neighbours. Measured on rendered and on real pairs (docs/vision.md)."""
@@ -79,11 +79,12 @@ class Matched:
 
 
 def match(
-    left: Grey, right: Grey, settings: MatchSettings, noise_dn: float | None = None
+    left: Grey, right: Grey, settings: MatchSettings, noise_dn: Floats | None = None
 ) -> Matched:
     """Return the disparity of a rectified pair of grey images (H, W).
 
-    `noise_dn` is the standard deviation of the images' noise; it is estimated if left out.
+    `noise_dn` (256,) is the standard deviation of the images' noise by grey level; it is estimated
+    if left out.
     Raises PairError where the images differ in size or the search does not fit them.
     """
     _check(left, right, settings)
@@ -91,7 +92,7 @@ def match(
     mode = _mode(left, count)
     found = _matched(left, right, settings, low, count, mode)
     mirrored = _matched(_mirror(right), _mirror(left), settings, low, count, mode)
-    noise = noise_level(left, right) if noise_dn is None else noise_dn
+    noise = noise_at(left, noise_by_level(left, right) if noise_dn is None else noise_dn)
     texture = texture_power(left)
     of_noise = noise_power(noise)
 
@@ -102,8 +103,10 @@ def match(
         found[before & ~kept] = np.nan
         lost[reason] = float((before & ~kept).mean())
 
-    lost["no match"] = float(np.isnan(found).mean())
-    drop("little texture", texture >= settings.least_texture * of_noise)
+    textured = texture >= settings.least_texture * of_noise
+    lost["little texture"] = float((~textured).mean())
+    found[~textured] = np.nan
+    lost["no match"] = float((np.isnan(found) & textured).mean())
     drop("left and right differ", agreeing(found, _mirror(mirrored), settings.left_right_px))
     drop("stands alone", _not_speckle(found, settings))
     sigma = disparity_sigma(np.maximum(texture - of_noise, 1e-6), noise)
@@ -200,38 +203,8 @@ def _not_speckle(found: Singles, settings: MatchSettings) -> Bools:
     return np.asarray(whole != empty, dtype=np.bool_)
 
 
-def noise_level(*images: Grey) -> float:
-    """Return the noise of images, in grey levels: what is left after planes, at its calmest.
-
-    A mask that is blind to constant slope and curvature along the rows and columns (Immerkaer,
-    1996), over squares of 16 x 16; a tenth of the squares is taken to have no texture. At least
-    0.3, the rounding to whole levels.
-    """
-    mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32) / 6
-    calmest: list[float] = []
-    for image in images:
-        rest = cv2.filter2D(image.astype(np.float32), cv2.CV_32F, mask)
-        power = cv2.resize(rest * rest, None, fx=1 / 16, fy=1 / 16, interpolation=cv2.INTER_AREA)
-        calmest.append(float(np.sqrt(np.quantile(power, 0.1))))
-    return max(0.3, *calmest)
-
-
-def texture_power(image: Grey) -> Singles:
-    """Return the sum of squared gradients along the row over each pixel's window, (H, W)."""
-    slope = cv2.Scharr(image.astype(np.float32), cv2.CV_32F, 1, 0, scale=1 / 32)
-    window = (SUPPORT_PX, SUPPORT_PX)
-    total = cv2.boxFilter(slope * slope, cv2.CV_32F, window, normalize=False)
-    return np.asarray(total, dtype=np.float32)
-
-
-def noise_power(noise_dn: float) -> float:
-    """Return what noise alone, of a standard deviation in grey levels, makes of `texture_power`."""
-    gain = 2 * (3**2 + 10**2 + 3**2) / 32**2  # of the gradient's mask
-    return SUPPORT_PX**2 * gain * noise_dn**2
-
-
-def disparity_sigma(texture: Singles, noise_dn: float) -> Singles:
-    """Return how well disparity can be known, in px, by `texture_power` less `noise_power`.
+def disparity_sigma(texture: Singles, noise_dn: Singles) -> Singles:
+    """Return how well disparity can be known (H, W), in px, by the power of true texture (H, W).
 
     The Cramer-Rao bound of a shift along the row, both images noisy: 2 noise^2 over the sum of
     squared gradients; and the matcher's own floor.
