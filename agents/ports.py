@@ -36,6 +36,8 @@ class Exposure:
     sigma_m: Floats
     """(N,) standard deviation along the ray (Sujan & Meggiolaro, Eq. 4)."""
     sightings: tuple[Sighting, ...] = ()
+    ill: tuple[str, ...] = ()
+    """Why the look gave less than it should, in words: no texture, too dark, a tag edge-on."""
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,8 @@ class Robot(Member):
         expected = await asyncio.to_thread(
             expected_visibility, self.view(), self.pose, pan_rad, tilt_rad
         )
+        if exposure.ill:
+            self.log.event("ill look", "; ".join(exposure.ill))
         self.localise(exposure)
         await self.fuse(exposure, expected)
         self.looks += 1

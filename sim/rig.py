@@ -7,15 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Pose
-from agents.ports import Hardware
+from agents.ports import Camera, Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
 from sim.camera import RangeCamera
 from sim.ground import Terrain
 from sim.motion import Motions, Segment
 from sim.rover import RoverBody
+from sim.stereo.camera import StereoCamera, make_stage
+from sim.stereo.settings import LightSettings
 from sim.tethered import TetheredBody
 from sim.winch import SimWinch
 
+MAPPERS = ("recon", "explorer")
+"""Roles that have a camera, on a mast."""
 START_SLACK_M = 0.05
 """Tethers are this much longer than the way to the Cliff-bot when the mission starts."""
 
@@ -47,11 +51,14 @@ def make_rig(
     tether: TetherSettings,
     body_rng: np.random.Generator,
     camera_rng: np.random.Generator,
+    light: LightSettings,
+    ground_salt: int,
 ) -> Rig:
     """Build the hardware that a robot's role has.
 
     `motions` is this process's knowledge of everybody, own motion included; `publish` adds to it
     and tells the others. `tether_m` is what is out of an Anchor-bot's drum, None at the start.
+    `light` and `ground_salt`, which names the ground's pattern, are for cameras that see images.
     """
     role = roles[name]
     radius_m = drive.footprint_m / 2
@@ -79,7 +86,13 @@ def make_rig(
         )
         return Rig(Hardware(winch=winch), delay_ns, lambda: 0)
     rover = RoverBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
-    camera = RangeCamera(terrain, sensor, rover.pose_now, others, camera_rng, radius_m)
+    camera: Camera
+    if sensor.kind == "stereo":
+        masts_m = {mate: sensor.height_m if r in MAPPERS else 0.0 for mate, r in roles.items()}
+        stage = make_stage(terrain, masts_m, salt=ground_salt, light=light)
+        camera = StereoCamera(name, stage, sensor, rover.pose_now, others, camera_rng)
+    else:
+        camera = RangeCamera(terrain, sensor, rover.pose_now, others, camera_rng, radius_m)
     return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)
 
 
@@ -89,5 +102,7 @@ def _first_length_m(roles: dict[str, str], motions: Motions, anchor: Pose) -> fl
         pose = motions.pose_at(mate, 0) if role == "cliffbot" else None
         if pose is not None:
             way = (pose.x_m - anchor.x_m, pose.y_m - anchor.y_m, pose.z_m - anchor.z_m)
-            return math.hypot(*way) + START_SLACK_M
+            return math.hypot(*way) + MAPPERS = ("recon", "explorer")
+"""Roles that have a camera, on a mast."""
+START_SLACK_M
     return 0.0

@@ -79,7 +79,7 @@ def test_ground_without_texture_gives_no_points_and_says_why() -> None:
     got = shot(look=poor)
     seen = see(got.left, got.right, poor, sensor=SENSOR, stereo=STEREO, mates={})
     assert seen.matched.density < 0.3
-    assert any("little texture" in ill for ill in seen.ill)
+    assert any("little texture" in ill for ill in seen.exposure.ill)
 
 
 def test_a_night_is_told_as_too_dark() -> None:
@@ -87,7 +87,7 @@ def test_a_night_is_told_as_too_dark() -> None:
     got = shot(on=night, look=TEXTURED)
     seen = see(got.left, got.right, TEXTURED, sensor=SENSOR, stereo=STEREO, mates={})
     assert seen.exposure.points_m.shape[0] < 50
-    assert any("too dark" in ill for ill in seen.ill)
+    assert any("too dark" in ill for ill in seen.exposure.ill)
 
 
 def test_points_lie_on_the_ground_as_surely_as_they_say() -> None:
@@ -224,8 +224,7 @@ def test_the_camera_stands_in_for_the_range_camera() -> None:
     camera = StereoCamera(
         "alfa",
         stage(),
-        SENSOR,
-        STEREO,
+        SENSOR.model_copy(update={"stereo": STEREO}),
         lambda: HERE,
         lambda _t_ns: {"bravo": mate_at(4.0, -0.5, 0.3)},
         np.random.default_rng(2),

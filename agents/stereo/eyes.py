@@ -41,8 +41,6 @@ class Seen:
     exposure: Exposure
     matched: Matched
     tags: TagSearch
-    ill: tuple[str, ...]
-    """Why the look gave less than it should, in words; empty where nothing was wrong."""
 
 
 def calibration_of(sensor: SensorSettings, stereo: StereoSettings) -> Calibration:
@@ -88,7 +86,9 @@ def see(
     tags = find_robots(left, right, calibration, sorted(mates))
     sightings = tuple(_sighting(s, mates[s.robot], turn, eye_m, sensor) for s in tags.found)
     feet_m = [np.array(s.offset_m) for s in sightings]
-    kept = _ground(points_m, [*feet_m, *(turn @ about + eye_m for about in tags.unsure_m)])
+    kept = _ground(
+        points_m, [*feet_m, *(turn @ about + eye_m for r in tags.refused for about in r.about_m)]
+    )
     kept &= np.linalg.norm(found.points_m, axis=1) <= sensor.range_m
     exposure = Exposure(
         look.t_s,
@@ -97,8 +97,9 @@ def see(
         points_m[kept],
         found.sigma_along_m()[kept],
         tuple(sorted(sightings, key=lambda s: s.name)),
+        (*ill_conditions(left, right, matched), *_refused(tags, mates)),
     )
-    return Seen(exposure, matched, tags, (*ill_conditions(left, right, matched), *tags.refused))
+    return Seen(exposure, matched, tags)
 
 
 def largest_disparity_px(sensor: SensorSettings, calibration: Calibration, tilt_rad: float) -> int:
@@ -112,6 +113,10 @@ def largest_disparity_px(sensor: SensorSettings, calibration: Calibration, tilt_
     nearest_m = max(sensor.near_m, (1 - ROCKS) * sensor.height_m * math.cos(half) / below)
     most = math.ceil(calibration.disparity_px(nearest_m))
     return min(max(most, 16), calibration.width_px // 2)
+
+
+def _refused(tags: TagSearch, mates: Mapping[int, str]) -> list[str]:
+    return [f"{mates[refusal.robot]}: {refusal.reason}" for refusal in tags.refused]
 
 
 def _ground(points_m: Floats, feet_m: Sequence[Floats]) -> Bools:

@@ -50,13 +50,21 @@ class TagSighting:
 
 
 @dataclass(frozen=True)
+class Refusal:
+    """A robot whose tags show, but not its pose."""
+
+    robot: int
+    reason: str
+    about_m: tuple[Floats, ...] = ()
+    """Where it may be, (3,) each, camera frame."""
+
+
+@dataclass(frozen=True)
 class TagSearch:
     """What tags gave: robots found, and why others were not."""
 
     found: tuple[TagSighting, ...]
-    refused: tuple[str, ...]
-    unsure_m: tuple[Floats, ...] = ()
-    """About where robots are whose pose was refused, (3,) each, camera frame."""
+    refused: tuple[Refusal, ...]
 
 
 @dataclass(frozen=True)
@@ -120,22 +128,21 @@ def find_robots(
     """Return the robots (numbers out of `robots`) whose tags both images show."""
     here, there = corners(left), corners(right)
     found: list[TagSighting] = []
-    refused: list[str] = []
-    unsure: list[Floats] = []
+    refused: list[Refusal] = []
     for robot in robots:
-        mine = [tag for tag in sorted(here) if robot_of(tag) == robot]
-        both = [tag for tag in mine if tag in there]
-        if mine and not both:
-            refused.append(f"robot {robot}: its tag is in one image only")
+        mine = [tag for tag in sorted({*here, *there}) if robot_of(tag) == robot]
+        both = [tag for tag in mine if tag in here and tag in there]
+        if not mine:
+            continue
         if not both:
+            refused.append(Refusal(robot, "its tag is in one image only"))
             continue
         answer = _pose(robot, _gathered(robot, both, here, there), calibration, len(both))
         if isinstance(answer, TagSighting):
             found.append(answer)
         else:
-            refused.append(f"robot {robot}: {answer.reason}")
-            unsure.extend(answer.about_m)
-    return TagSearch(tuple(found), tuple(refused), tuple(unsure))
+            refused.append(answer)
+    return TagSearch(tuple(found), tuple(refused))
 
 
 def _gathered(
@@ -149,21 +156,21 @@ def _gathered(
     )
 
 
-def _pose(robot: int, seen: _Seen, c: Calibration, tags: int) -> "TagSighting | _Refused":
+def _pose(robot: int, seen: _Seen, c: Calibration, tags: int) -> TagSighting | Refusal:
     """Return the best pose, or why there is none."""
     tried = sorted(
         (_refined(seen, c, r, t) for r, t in _starts(seen, c)), key=lambda fit: fit.leftover_px
     )
     if not tried or tried[0].leftover_px > WORST_PX:
-        return _Refused("its corners fit no pose", ())
+        return Refusal(robot, "its corners fit no pose")
     best = tried[0]
     if _aside_deg(seen, best) > STEEPEST_DEG:
-        return _Refused("its tag is edge-on", (best.position_m,))
+        return Refusal(robot, "its tag is edge-on", (best.position_m,))
     for other in tried[1:]:
         apart = float(np.linalg.norm(cv2.Rodrigues(best.rotation.T @ other.rotation)[0]))
         if other.leftover_px < TWICE * best.leftover_px and apart > math.radians(5):
             reason = "its tag is too small to tell which way it faces"
-            return _Refused(reason, (best.position_m, other.position_m))
+            return Refusal(robot, reason, (best.position_m, other.position_m))
     sigma = max(CORNER_SIGMA_PX, best.leftover_px)
     covariance = np.asarray(sigma**2 * np.linalg.inv(best.normal), dtype=np.float64)
     covariance[3:, 3:] += calibration_covariances(best.position_m[None, :], c)[0]
@@ -176,12 +183,6 @@ class _Fit:
     position_m: Floats
     normal: Floats
     leftover_px: float
-
-
-@dataclass(frozen=True)
-class _Refused:
-    reason: str
-    about_m: tuple[Floats, ...]
 
 
 def _starts(seen: _Seen, c: Calibration) -> list[tuple[Floats, Floats]]:

@@ -112,7 +112,6 @@ class StereoCamera:
         name: str,
         stage: Stage,
         sensor: SensorSettings,
-        stereo: StereoSettings,
         pose_now: Callable[[], Pose],
         others: Callable[[int], Mapping[str, Pose]],
         rng: np.random.Generator,
@@ -125,7 +124,6 @@ class StereoCamera:
         """
         self._stage = stage
         self._sensor = sensor
-        self._stereo = stereo
         self._pose_now = pose_now
         self._others = others
         self._rng = rng
@@ -141,22 +139,25 @@ class StereoCamera:
         await asyncio.sleep(self._sensor.look_s)
         t_ns = now_ns()
         look = Look(to_s(t_ns), pan_rad, tilt_rad)
-        shot = take(
+        # Rendering and matching take most of a second of a core: the radio must not wait for it.
+        shot = await asyncio.to_thread(
+            take,
             self._stage,
             self._sensor,
-            self._stereo,
+            self._sensor.stereo,
             self._pose_now(),
             look,
             others=self._others(t_ns),
             rng=self._rng,
             vergence_px=self._vergence_px,
         )
-        seen = see(
+        seen = await asyncio.to_thread(
+            see,
             shot.left,
             shot.right,
             look,
             sensor=self._sensor,
-            stereo=self._stereo,
+            stereo=self._sensor.stereo,
             mates=self._mates,
         )
         self._kept(shot, seen)
