@@ -67,9 +67,9 @@ def _values(path: str, text: str) -> dict[str, float]:
         return _from_json(json.loads(text))
     if re.search(r"^\s*cam0\s*=", text, re.MULTILINE):
         return _from_middlebury(text)
-    if re.search(r"^\s*(P0|P2|P_rect_00|P_rect_02)\s*:", text, re.MULTILINE):
-        return _from_kitti(text)
-    return _from_opencv(text)
+    if text.lstrip().startswith(("%YAML", "<?xml")):
+        return _from_opencv(text)
+    return _from_kitti(text)
 
 
 def _from_json(read: Any) -> dict[str, float]:
@@ -106,7 +106,7 @@ def _from_kitti(text: str) -> dict[str, float]:
     ):
         if one in said and other in said:
             return _from_projections(_twelve(said[one]), _twelve(said[other]))
-    raise KeyError("without a pair of P")
+    raise KeyError("without P0 and P1, or P2 and P3")
 
 
 def _twelve(text: str) -> Floats:

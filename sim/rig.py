@@ -102,7 +102,5 @@ def _first_length_m(roles: dict[str, str], motions: Motions, anchor: Pose) -> fl
         pose = motions.pose_at(mate, 0) if role == "cliffbot" else None
         if pose is not None:
             way = (pose.x_m - anchor.x_m, pose.y_m - anchor.y_m, pose.z_m - anchor.z_m)
-            return math.hypot(*way) + MAPPERS = ("recon", "explorer")
-"""Roles that have a camera, on a mast."""
-START_SLACK_M
+            return math.hypot(*way) + START_SLACK_M
     return 0.0

@@ -13,7 +13,6 @@ from team_helpers import FRAME, GRID, look
 
 from agents.member import KEEP_ALIVE_S
 from agents.robot import Robot
-from comms.frames import Kind
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("comms", "agents", "sim", "scenarios")

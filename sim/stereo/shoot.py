@@ -110,14 +110,14 @@ def _radiance(
     hit = np.flatnonzero(np.isfinite(met.range_m))
     out = np.full(rays.shape[0], SKY_GREY * light.sky)
     points = aim.eye_m + met.range_m[hit, None] * rays[hit]
-    normals = _smooth_normals(moment, points, met, hit)
+    normals = _normals(moment, points, rays, met, hit)
     step = np.column_stack((aim.right, aim.down)).T / c.focal_px
-    albedo = _albedo(moment, aim.eye_m, rays, met, hit, points, step, light, salt)
+    albedo = _albedo(moment, aim.eye_m, rays, met, hit, points, step, normals, light, salt)
     sun = _sun(light)
-    facing = normals @ sun
+    facing = np.einsum("ij,j->i", normals, sun)
     lit = np.flatnonzero(facing > 0) if light.sun > 0 else np.zeros(0, dtype=np.int64)
     direct = np.zeros(hit.size)
-    shade = moment.in_shadow(points[lit], met.normal[hit[lit]], sun)
+    shade = moment.in_shadow(points[lit], normals[lit], sun)
     direct[lit] = np.where(shade, 0.0, facing[lit])
     out[hit] = albedo * (light.sun * direct + light.sky * (0.5 + 0.5 * normals[:, 2]))
     shape = (c.height_px, c.width_px)
@@ -130,13 +130,18 @@ def _sun(light: LightSettings) -> Floats:
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(elevation)])
 
 
-def _smooth_normals(moment: Moment, points: Floats, met: Met, hit: Ints) -> Floats:
-    """Return unit normals (M, 3): of the ground without its triangles' edges, of things as met."""
+def _normals(moment: Moment, points: Floats, rays: Floats, met: Met, hit: Ints) -> Floats:
+    """Return unit normals (M, 3): of the ground without its triangles' edges, of things by face."""
     u, v = moment.world.cells_at(points)
     east, north = sampled(moment.world.east, u, v), sampled(moment.world.north, u, v)
-    ground = np.column_stack((-east, -north, np.ones_like(east)))
-    ground /= np.linalg.norm(ground, axis=1, keepdims=True)
-    return np.where((met.face[hit] < 0)[:, None], ground, met.normal[hit])
+    up = 1 / np.sqrt(1 + east * east + north * north)
+    normals = np.column_stack((-east * up, -north * up, up))
+    if moment.things is not None:
+        thing = np.flatnonzero(met.face[hit] >= 0)
+        outward = moment.face_normals[met.face[hit[thing]]]
+        away = np.einsum("ij,ij->i", outward, rays[hit[thing]]) > 0
+        normals[thing] = np.where(away[:, None], -outward, outward)
+    return normals
 
 
 def _albedo(
@@ -147,6 +152,7 @@ def _albedo(
     hit: Ints,
     points: Floats,
     step: Floats,
+    normals: Floats,
     light: LightSettings,
     salt: int,
 ) -> Floats:
@@ -161,7 +167,7 @@ def _albedo(
         mean[thing] = things.albedo[face[thing]]
         texture[thing] = THING_TEXTURE * things.pebbled[face[thing]]
     along = np.linalg.norm(rays[hit], axis=1)
-    facing = np.abs(np.einsum("ij,ij->i", rays[hit], met.normal[hit])) / along
+    facing = np.abs(np.einsum("ij,ij->i", rays[hit], normals)) / along
     across = met.range_m[hit] * along * float(np.linalg.norm(step[0]))
     footprint = across / np.sqrt(np.maximum(facing, 0.02))
     albedo = mean * pattern(points + world.origin_m, footprint, texture, salt)
