@@ -41,6 +41,8 @@ class Exposure:
     ranges_m: Floats = field(default_factory=lambda: np.zeros(0))
     """(columns,) of a planar camera, which gives ranges instead of points: along the rays of its
     fan, right to left; inf where nothing came back from within its depth of field."""
+    ill: tuple[str, ...] = ()
+    """Why the look gave less than it should, in words: no texture, too dark, a tag edge-on."""
 
 
 @dataclass(frozen=True)

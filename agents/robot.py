@@ -59,6 +59,8 @@ class Robot(Member):
         assert camera is not None
         exposure = await camera.look(pan_rad, tilt_rad)
         expected = await self.mapper.expect(pan_rad, tilt_rad)
+        if exposure.ill:
+            self.log.event("ill look", "; ".join(exposure.ill))
         self.localise(exposure)
         await self.mapper.localise(exposure)
         await self.mapper.fuse(exposure, expected)

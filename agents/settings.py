@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agents.stereo.settings import StereoSettings
 from comms.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
@@ -30,9 +31,11 @@ class MapSettings(Settings):
 
 
 class SensorSettings(Settings):
-    """A ranging camera on a pan/tilt arm (Eq. 4: sigma = S * T * L^n)."""
+    """A ranging camera on a pan/tilt arm (Eq. 4: sigma = S * T * L^n), or a pair of images."""
 
-    kind: Literal["range"] = "range"
+    kind: Literal["range", "stereo"] = "range"
+    """`range`: ranges with Eq. 4's noise, quick; `stereo`: pairs of images, matched for real
+    (then `columns`, `rows` and the noise keys say nothing of what is measured)."""
     fov_deg: Annotated[float, Field(gt=1, le=170)] = 60.0
     """Horizontal field of view."""
     fov_vertical_deg: Annotated[float, Field(gt=1, le=120)] = 45.0
@@ -52,6 +55,7 @@ class SensorSettings(Settings):
     """Error of the arm's levelling, one draw per look."""
     look_s: Positive = 15.0
     """Simulated seconds that one look takes, pointing and stereo included."""
+    stereo: StereoSettings = StereoSettings()
 
 
 class DriveSettings(Settings):

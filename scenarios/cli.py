@@ -9,11 +9,22 @@ import sys
 import traceback
 from collections.abc import Sequence
 
-from scenarios.commands import chaos, experiment, link, map, plot, replay, run, shelf, sweep
+from scenarios.commands import (
+    chaos,
+    experiment,
+    link,
+    map,
+    plot,
+    replay,
+    run,
+    shelf,
+    stereo,
+    sweep,
+)
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo)
 
 
 class _Version(argparse.Action):

@@ -130,6 +130,8 @@ class Host:
             tether=scenario.tether,
             body_rng=dice(scenario, self.name, "body", disk.incarnation),
             camera_rng=dice(scenario, self.name, "camera", disk.incarnation),
+            light=scenario.world.light,
+            ground_salt=scenario.seed,
         )
 
     def _agent_settings(self) -> AgentSettings:

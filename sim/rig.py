@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Pose
-from agents.ports import Hardware
+from agents.ports import Camera, Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
 from sim.camera import RangeCamera
 from sim.ground import Terrain
@@ -15,9 +15,13 @@ from sim.motion import Motions, Segment
 from sim.planar import PlanarBody, PlanarCamera
 from sim.planar_world import PlanarWorld
 from sim.rover import RoverBody
+from sim.stereo.camera import StereoCamera, make_stage
+from sim.stereo.settings import LightSettings
 from sim.tethered import TetheredBody
 from sim.winch import SimWinch
 
+MAPPERS = ("recon", "explorer")
+"""Roles that have a camera, on a mast."""
 START_SLACK_M = 0.05
 """Tethers are this much longer than the way to the Cliff-bot when the mission starts."""
 
@@ -49,11 +53,14 @@ def make_rig(
     tether: TetherSettings,
     body_rng: np.random.Generator,
     camera_rng: np.random.Generator,
+    light: LightSettings,
+    ground_salt: int,
 ) -> Rig:
     """Build the hardware that a robot's role has.
 
     `motions` is this process's knowledge of everybody, own motion included; `publish` adds to it
     and tells the others. `tether_m` is what is out of an Anchor-bot's drum, None at the start.
+    `light` and `ground_salt`, which names the ground's pattern, are for cameras that see images.
     """
     role = roles[name]
     radius_m = drive.footprint_m / 2
@@ -86,7 +93,13 @@ def make_rig(
         )
         return Rig(Hardware(winch=winch), delay_ns, lambda: 0)
     rover = RoverBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
-    camera = RangeCamera(terrain, sensor, rover.pose_now, others, camera_rng, radius_m)
+    camera: Camera
+    if sensor.kind == "stereo":
+        masts_m = {mate: sensor.height_m if r in MAPPERS else 0.0 for mate, r in roles.items()}
+        stage = make_stage(terrain, masts_m, salt=ground_salt, light=light)
+        camera = StereoCamera(name, stage, sensor, rover.pose_now, others, camera_rng)
+    else:
+        camera = RangeCamera(terrain, sensor, rover.pose_now, others, camera_rng, radius_m)
     return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)
 
 

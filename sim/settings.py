@@ -5,6 +5,7 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from comms.settings import Settings
+from sim.stereo.settings import LightSettings
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -70,6 +71,7 @@ class WorldSettings(Settings):
     """The part of the world that is simulated: ground, or the floor of a building."""
 
     terrain: TerrainSettings = TerrainSettings()
+    light: LightSettings = LightSettings()
     window_m: Annotated[tuple[Metres, Metres], Field(strict=False)] = (32.0, 32.0)
     """Width (east) and height (north) of the window; a made-up floor is a square."""
     map: str = ""

@@ -1,0 +1,1 @@
+"""Pixels to points: what a robot makes of a pair of images."""

@@ -1,0 +1,159 @@
+"""One look of a stereo camera: a pair of images to what the robot's cycle takes, an `Exposure`.
+
+The mast stands at the robot's ground contact; both cameras are at its top, half a baseline to
+either side, and the arm keeps their rows level.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from agents.geometry import Bools, Floats, wrap_angle
+from agents.ports import Exposure, Sighting
+from agents.settings import SensorSettings
+from agents.stereo.calibration import Calibration, pinhole
+from agents.stereo.conditions import ill_conditions
+from agents.stereo.matching import Grey, Matched, MatchSettings, match
+from agents.stereo.points import cloud
+from agents.stereo.settings import StereoSettings
+from agents.stereo.tags import TagSearch, TagSighting, find_robots
+
+ROCKS = 0.3
+MATE_RADIUS_M, MATE_TOP_M = 0.55, 2.2
+"""Points this near to a sighted team-mate's axis, and up to this high, are its own: no ground."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """Which way a look went."""
+
+    t_s: float
+    pan_rad: float
+    tilt_rad: float
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A look, and what was found on the way, for the log and for whoever wants to see it."""
+
+    exposure: Exposure
+    matched: Matched
+    tags: TagSearch
+
+
+def calibration_of(sensor: SensorSettings, stereo: StereoSettings) -> Calibration:
+    """Return the calibration of a robot's pair."""
+    return pinhole(stereo.width_px, stereo.height_px, sensor.fov_deg, stereo.baseline_m)
+
+
+def level_from_camera(pan_rad: float, tilt_rad: float) -> Floats:
+    """Return the (3, 3) rotation from the camera's frame to the levelled robot frame."""
+    cp, sp, ct, st = math.cos(pan_rad), math.sin(pan_rad), math.cos(tilt_rad), math.sin(tilt_rad)
+    return np.array([[sp, cp * st, cp * ct], [-cp, sp * st, sp * ct], [0.0, -ct, st]])
+
+
+def left_eye_m(sensor: SensorSettings, stereo: StereoSettings, pan_rad: float) -> Floats:
+    """Return where the left camera is, (3,), levelled robot frame."""
+    half = stereo.baseline_m / 2
+    return np.array([-half * math.sin(pan_rad), half * math.cos(pan_rad), sensor.height_m])
+
+
+def see(
+    left: Grey,
+    right: Grey,
+    look: Look,
+    *,
+    sensor: SensorSettings,
+    stereo: StereoSettings,
+    mates: Mapping[int, str],
+) -> Seen:
+    """Return what a pair of images says; `mates` are the other robots' names by their numbers."""
+    calibration = calibration_of(sensor, stereo)
+    most = largest_disparity_px(sensor, calibration, look.tilt_rad)
+    matched = match(left, right, MatchSettings(max_disparity_px=most))
+    found = cloud(
+        matched,
+        calibration,
+        stride_px=stereo.stride_px,
+        near_m=sensor.near_m,
+        far_m=sensor.range_m,
+    )
+    turn = level_from_camera(look.pan_rad, look.tilt_rad)
+    eye_m = left_eye_m(sensor, stereo, look.pan_rad)
+    points_m = found.points_m @ turn.T + eye_m
+    tags = find_robots(left, right, calibration, sorted(mates))
+    sightings = tuple(_sighting(s, mates[s.robot], turn, eye_m, sensor) for s in tags.found)
+    feet_m = [np.array(s.offset_m) for s in sightings]
+    kept = _ground(
+        points_m, [*feet_m, *(turn @ about + eye_m for r in tags.refused for about in r.about_m)]
+    )
+    kept &= np.linalg.norm(found.points_m, axis=1) <= sensor.range_m
+    exposure = Exposure(
+        look.t_s,
+        look.pan_rad,
+        look.tilt_rad,
+        points_m[kept],
+        found.sigma_along_m()[kept],
+        tuple(sorted(sightings, key=lambda s: s.name)),
+        (*ill_conditions(left, right, matched), *_refused(tags, mates)),
+    )
+    return Seen(exposure, matched, tags)
+
+
+def largest_disparity_px(sensor: SensorSettings, calibration: Calibration, tilt_rad: float) -> int:
+    """Return the disparity of the nearest that a look at this tilt can show.
+
+    That is ground (or rocks of `ROCKS` of the mast's height) at the image's lower edge; to search
+    closer would cost time and find chance matches.
+    """
+    half = math.atan((calibration.height_px - 1 - calibration.cy_px) / calibration.focal_px)
+    below = max(math.sin(min(half - tilt_rad, math.pi / 2)), 0.05)
+    nearest_m = max(sensor.near_m, (1 - ROCKS) * sensor.height_m * math.cos(half) / below)
+    most = math.ceil(calibration.disparity_px(nearest_m))
+    return min(max(most, 16), calibration.width_px // 2)
+
+
+def _refused(tags: TagSearch, mates: Mapping[int, str]) -> list[str]:
+    return [f"{mates[refusal.robot]}: {refusal.reason}" for refusal in tags.refused]
+
+
+def _ground(points_m: Floats, feet_m: Sequence[Floats]) -> Bools:
+    """Say which points (N, 3) are not on a robot that stands at one of the feet (3,)."""
+    kept = np.ones(points_m.shape[0], dtype=np.bool_)
+    for x, y, z in feet_m:
+        aside = np.hypot(points_m[:, 0] - x, points_m[:, 1] - y)
+        kept &= (aside > MATE_RADIUS_M) | (points_m[:, 2] - z > MATE_TOP_M)
+    return kept
+
+
+def _sighting(
+    found: TagSighting, name: str, turn: Floats, eye_m: Floats, sensor: SensorSettings
+) -> Sighting:
+    """Turn a pose in the camera's frame into a sighting in the levelled robot frame.
+
+    To the tag's own covariance comes the arm's levelling error, which turns all about the camera.
+    """
+    offset_m = turn @ found.position_m + eye_m
+    ahead = turn @ found.rotation[:, 0]
+    lean = turn @ found.covariance[:3, :3] @ turn.T
+    mixed = np.zeros((4, 6))
+    mixed[:3, 3:] = turn
+    mixed[3, :3] = turn[2]  # a turn about the vertical is what changes the yaw
+    covariance = mixed @ found.covariance @ mixed.T
+    covariance[3, 3] = lean[2, 2]
+    x, y, z = offset_m - eye_m
+    lever = np.array([[0.0, z], [-z, 0.0], [y, -x]])
+    covariance[:3, :3] += math.radians(sensor.attitude_sigma_deg) ** 2 * lever @ lever.T
+    covariance += np.diag([1e-6, 1e-6, 1e-6, _YAW_FLOOR_RAD**2])
+    return Sighting(
+        name,
+        (float(offset_m[0]), float(offset_m[1]), float(offset_m[2])),
+        wrap_angle(math.atan2(float(ahead[1]), float(ahead[0]))),
+        covariance,
+    )
+
+
+_YAW_FLOOR_RAD = math.radians(0.2)
+"""How square the panels are mounted."""

@@ -1,0 +1,1 @@
+"""Images of the world: terrain, robots and a landmark as a pair of cameras sees them."""
