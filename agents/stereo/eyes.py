@@ -97,7 +97,7 @@ def see(
         points_m[kept],
         found.sigma_along_m()[kept],
         tuple(sorted(sightings, key=lambda s: s.name)),
-        (*ill_conditions(left, right, matched), *_refused(tags, mates)),
+        ill=(*ill_conditions(left, right, matched), *_refused(tags, mates)),
     )
     return Seen(exposure, matched, tags)
 
