@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents import teammap
 from agents.disk import Disk, Recovered
 from agents.layers import OwnLayer
+from agents.maps.elevation import ElevationKind
 from agents.sharing.policy import Policy
 from agents.sharing.repair import Repair
 from agents.teammap import TeamMap
@@ -192,8 +192,12 @@ Bug = Callable[[], Iterator[None]]
 
 @contextmanager
 def a_merge_that_adds_twice() -> Iterator[None]:
-    real = teammap.fuse_origins
-    with patch.object(teammap, "fuse_origins", lambda layers, shape: real([*layers] * 2, shape)):
+    real = ElevationKind.fuse
+
+    def fuse(self, layers, shape):
+        return real(self, [*layers] * 2, shape)
+
+    with patch.object(ElevationKind, "fuse", fuse):
         yield
 
 
