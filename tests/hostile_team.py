@@ -31,6 +31,9 @@ class Nowhere(Disk):
     def journal(self, chunk: Chunk) -> None:
         del chunk
 
+    def confirm(self) -> None:
+        pass
+
 
 def member() -> Member:
     """Return a robot that has measured something, and is ready to send it."""
