@@ -61,6 +61,7 @@ format: $(VENV)/dev.stamp
 # Writes the tables of docs/scenarios.md anew from the settings themselves.
 scenario-keys: $(VENV)/run.stamp
 	$(BIN)/python docs/scenario_keys.py
+	$(BIN)/python docs/schemas.py
 
 readme-picture: demo
 	cp "$(OUT)/overview.png" docs/images/cliff.png

@@ -33,7 +33,7 @@ class MapSettings(Settings):
 class SensorSettings(Settings):
     """A ranging camera on a pan/tilt arm (Eq. 4: sigma = S * T * L^n), or a pair of images."""
 
-    kind: Literal["range", "stereo"] = "range"
+    kind: str = "range"
     """`range`: ranges with Eq. 4's noise, quick; `stereo`: pairs of images, matched for real
     (then `columns`, `rows` and the noise keys say nothing of what is measured)."""
     fov_deg: Annotated[float, Field(gt=1, le=170)] = 60.0
@@ -113,8 +113,8 @@ class PlannerSettings(Settings):
 class SharingSettings(Settings):
     """What a robot sends when its link falls free."""
 
-    policy: Literal["value", "latest-first", "raw", "paper"] = "value"
-    """What goes first; `raw` and `paper` are for comparison."""
+    policy: str = "value"
+    """What goes first; `raw` and `paper` are for comparison (`agents.sharing`)."""
     digest_share: Share = 0.04
     """Share of the link that the team's reports of what was heard may take."""
     status_s: Positive = 10.0

@@ -13,17 +13,22 @@ from typing import Protocol
 
 import numpy as np
 
-from agents.errors import AgentError
 from agents.geometry import Ints, Pose, Singles
 from agents.looks import LookPlan, expected_visibility, look_gains, plan
 from agents.rating import rate
 from agents.scene import Scene, View
+from comms.plugins import Plugins
 
-__all__ = ["LookPlan", "Strategy", "View", "expected_visibility", "names", "strategy"]
-
-
-class StrategyError(AgentError):
-    """A strategy that doesn't exist."""
+__all__ = [
+    "STRATEGIES",
+    "LookPlan",
+    "Rated",
+    "Scene",
+    "Strategy",
+    "View",
+    "expected_visibility",
+    "strategy",
+]
 
 
 class Strategy(Protocol):
@@ -149,26 +154,23 @@ def _serpentine(cells: Ints, step: int) -> list[int]:
     return [int(i) for i in np.lexsort((along, band))]
 
 
-_STRATEGIES: dict[str, Callable[[], Strategy]] = {
-    "information-interest": lambda: Information(interest=True),
-    "information-edge": lambda: Information(interest=False),
-    "raster": Raster,
-    "random": Random,
-    "wander": Wander,
-}
-
-
-def names() -> tuple[str, ...]:
-    """Return the names of all strategies."""
-    return tuple(_STRATEGIES)
+STRATEGIES: Plugins[Callable[[], Strategy]] = Plugins(
+    "ropeteam.strategies",
+    {
+        "information-interest": lambda: Information(interest=True),
+        "information-edge": lambda: Information(interest=False),
+        "raster": Raster,
+        "random": Random,
+        "wander": Wander,
+    },
+)
+"""By name; each is called without arguments for every robot."""
 
 
 def strategy(name: str) -> Strategy:
     """Return a new strategy for one robot.
 
     Raises:
-        StrategyError: there is none of that name.
+        PluginError: there is none of that name.
     """
-    if name not in _STRATEGIES:
-        raise StrategyError(f'no strategy is named "{name}"; there are: {", ".join(names())}')
-    return _STRATEGIES[name]()
+    return STRATEGIES.find(name)()

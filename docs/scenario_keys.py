@@ -12,7 +12,7 @@ from typing import Any
 
 from comms.linksettings import AllLinks
 from comms.profiles import PROFILES, LinkProfile
-from scenarios.schema import METHODS, Scenario
+from scenarios.jsonschema import scenario_schema
 
 PAGE = Path(__file__).with_name("scenarios.md")
 BEGIN, END = "<!-- keys: begin -->", "<!-- keys: end -->"
@@ -64,7 +64,7 @@ LINK_KEYS = frozenset(AllLinks.model_fields)
 
 def page_tables() -> str:
     """Return all tables as Markdown: radios first, then every table of a scenario file."""
-    schema = Scenario.model_json_schema()
+    schema = scenario_schema()
     found = dict(_tables("", schema, schema["$defs"]))
     assert found.keys() == TITLES.keys(), found.keys() ^ TITLES.keys()
     parts = ["### Radios", "", *_radios(), ""]
@@ -119,7 +119,7 @@ def _rows(table: str, keys: dict[str, Any]) -> list[str]:
         path = f"{table}.{key}" if table else key
         said = entry.get("description") or MEANINGS.get(path, "")
         assert said, f"{path} has no docstring, and MEANINGS says nothing of it either"
-        allowed = _allowed(key, entry)
+        allowed = _allowed(entry)
         rows.append(
             f"| `{key}` | {_default(entry)} | {allowed} | {_cell(' '.join(said.split()))} |"
         )
@@ -137,10 +137,10 @@ def _default(entry: dict[str, Any]) -> str:
     return "" if value is None else f"`{json.dumps(value)}`"
 
 
-def _allowed(key: str, entry: dict[str, Any]) -> str:
+def _allowed(entry: dict[str, Any]) -> str:
     """Say in words what a key takes."""
     entry = next((e for e in entry.get("anyOf", ()) if e.get("type") != "null"), entry)
-    choices = _methods() if key == "method" else entry.get("enum", ())
+    choices = entry.get("enum", ())
     if "const" in entry:
         choices = (entry["const"],)
     if choices:
@@ -148,13 +148,9 @@ def _allowed(key: str, entry: dict[str, Any]) -> str:
     if entry["type"] == "array":
         several = entry.get("prefixItems", ())
         head = f"{len(several)} of: " if several else "list of: "
-        return head + _allowed("", several[0] if several else entry["items"])
+        return head + _allowed(several[0] if several else entry["items"])
     words = {"string": "text", "boolean": "true, false", "integer": "whole number"}
     return " ".join([words.get(entry["type"], "number"), *_limits(entry)])
-
-
-def _methods() -> tuple[str, ...]:
-    return tuple(dict.fromkeys(name for names in METHODS.values() for name in names()))
 
 
 def _limits(entry: dict[str, Any]) -> list[str]:

@@ -1,1 +1,52 @@
-"""The study: scenario files, the runner, the command line, records and reports."""
+"""The study: scenario files, the runner, the command line, records and reports.
+
+For programs of your own:
+
+    from scenarios import load, run
+
+    scenario = load("cliff", ["links.rate_bps=600"], seed=3)
+    result = run(scenario, Path("runs/mine"))
+    print(result.summary["team"]["coverage"])
+
+Names are looked up when they are first used, so that `import scenarios` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from scenarios.errors import ScenarioError, StudyError
+    from scenarios.reading import Run, open_run
+    from scenarios.runner import RunResult, run
+    from scenarios.schema import Scenario, dump, load
+
+__all__ = [
+    "Run",
+    "RunResult",
+    "Scenario",
+    "ScenarioError",
+    "StudyError",
+    "dump",
+    "load",
+    "open_run",
+    "run",
+]
+
+_HOMES = {
+    "Run": "reading",
+    "RunResult": "runner",
+    "Scenario": "schema",
+    "ScenarioError": "errors",
+    "StudyError": "errors",
+    "dump": "schema",
+    "load": "schema",
+    "open_run": "reading",
+    "run": "runner",
+}
+
+
+def __getattr__(name: str) -> object:
+    """Return a public name from the module that it lives in."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal, Self, cast
 import tomli_w
 from pydantic import Field, ValidationError, model_validator
 
-from agents import planar, strategies
 from agents.settings import (
     DriveSettings,
     MapSettings,
@@ -21,11 +20,11 @@ from agents.settings import (
     SharingSettings,
     TetherSettings,
 )
-from agents.sharing import POLICIES, way
 from comms.linksettings import LinkChange, TeamLinks
 from comms.profiles import least_latency_ns, tightest_turn_ns
 from comms.settings import Settings
 from comms.timebase import to_s
+from scenarios.choices import choices
 from scenarios.errors import ScenarioError
 from scenarios.events import Event, check_events, in_order, no_such_robot
 from scenarios.files import place_files
@@ -96,7 +95,7 @@ class Scenario(Settings):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        checks = (_check_team, _check_links, _check_numbers, _check_map)
+        checks = (_check_team, _check_links, _check_numbers, _check_choices, _check_map)
         refuse([conflict for check in checks for conflict in check(self)])
         joins_s = {name: robot.join_s or 0.0 for name, robot in self.robots.items()}
         refuse(check_events(self.events, joins_s, self.limit_s))
@@ -220,17 +219,17 @@ def _check_numbers(scenario: Scenario) -> list[Conflict]:
     return conflicts
 
 
-METHODS = {"elevation": strategies.names, "planar": planar.names}
-"""The names of the methods, by kind of map."""
+def _check_choices(scenario: Scenario) -> list[Conflict]:
+    return [
+        Conflict(choice.key, choice.name, f"must be one of {', '.join(choice.allowed())}")
+        for choice in choices(scenario)
+        if not choice.is_allowed
+    ]
 
 
 def _check_map(scenario: Scenario) -> list[Conflict]:
     kind, world = scenario.map.kind, scenario.world
-    allowed = METHODS[kind]()
     conflicts: list[Conflict] = []
-    if scenario.method not in allowed:
-        sentence = f"must be one of {', '.join(allowed)}"
-        conflicts.append(Conflict("method", scenario.method, sentence))
     if kind != "planar":
         if world.map:
             sentence = 'is a floor: it needs map.kind = "planar"'
@@ -240,10 +239,6 @@ def _check_map(scenario: Scenario) -> list[Conflict]:
     if not all(role in MAPPERS for role in roles):
         sentence = f"on a planar map every robot must be one of {', '.join(MAPPERS)}"
         conflicts.append(Conflict("robots", roles, sentence))
-    if kind not in way(scenario.sharing.policy).payloads:
-        fit = [name for name, one in POLICIES.items() if kind in one.payloads]
-        sentence = f"sends no planar maps; must be one of {', '.join(fit)}"
-        conflicts.append(Conflict("sharing.policy", scenario.sharing.policy, sentence))
     if world.terrain.file:
         sentence = "is ground: a planar map needs a floor, world.map or none"
         conflicts.append(Conflict("world.terrain.file", world.terrain.file, sentence))

@@ -7,21 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Pose
-from agents.ports import Camera, Hardware
+from agents.ports import Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
-from sim.camera import RangeCamera
 from sim.ground import Terrain
 from sim.motion import Motions, Segment
 from sim.planar import PlanarBody, PlanarCamera
 from sim.planar_world import PlanarWorld
 from sim.rover import RoverBody
-from sim.stereo.camera import StereoCamera, make_stage
+from sim.sensors import SENSORS, Mount
 from sim.stereo.settings import LightSettings
 from sim.tethered import TetheredBody
 from sim.winch import SimWinch
 
-MAPPERS = ("recon", "explorer")
-"""Roles that have a camera, on a mast."""
 START_SLACK_M = 0.05
 """Tethers are this much longer than the way to the Cliff-bot when the mission starts."""
 
@@ -63,7 +60,6 @@ def make_rig(
     `light` and `ground_salt`, which names the ground's pattern, are for cameras that see images.
     """
     role = roles[name]
-    radius_m = drive.footprint_m / 2
 
     def others(t_ns: int) -> dict[str, Pose]:
         seen = {mate: motions.pose_at(mate, t_ns - delay_ns) for mate in roles if mate != name}
@@ -93,13 +89,19 @@ def make_rig(
         )
         return Rig(Hardware(winch=winch), delay_ns, lambda: 0)
     rover = RoverBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
-    camera: Camera
-    if sensor.kind == "stereo":
-        masts_m = {mate: sensor.height_m if r in MAPPERS else 0.0 for mate, r in roles.items()}
-        stage = make_stage(terrain, masts_m, salt=ground_salt, light=light)
-        camera = StereoCamera(name, stage, sensor, rover.pose_now, others, camera_rng)
-    else:
-        camera = RangeCamera(terrain, sensor, rover.pose_now, others, camera_rng, radius_m)
+    mount = Mount(
+        name=name,
+        roles=roles,
+        terrain=terrain,
+        sensor=sensor,
+        pose_now=rover.pose_now,
+        others=others,
+        rng=camera_rng,
+        radius_m=drive.footprint_m / 2,
+        light=light,
+        ground_salt=ground_salt,
+    )
+    camera = SENSORS.find(sensor.kind)(mount)
     return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)
 
 

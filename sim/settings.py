@@ -1,6 +1,6 @@
 """What can be set about the world: the ground and the window that is taken of it."""
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
@@ -15,7 +15,7 @@ Metres = Annotated[float, Field(ge=4, le=5000)]
 class TerrainSettings(Settings):
     """Ground made from the seed (a cliff, a plain), or read from an elevation file."""
 
-    kind: Literal["cliff", "plain", "file"] = "cliff"
+    kind: str = "cliff"
     """Made-up ground, used while `file` is empty."""
     file: str = ""
     """Elevation file: .npz (`elevation` in m, NaN unknown, `cell_size` in m, row 0 north) or

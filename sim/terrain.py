@@ -1,11 +1,12 @@
 """The ground of a run: made from a seed, or a window of somebody's elevation file."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from agents.geometry import GridFrame
+from comms.plugins import Plugins
 from sim.errors import WorldError
 from sim.ground import Footing, Terrain, hazard_mask
 from sim.placing import descent_goal, place_team
@@ -14,6 +15,7 @@ from sim.settings import TerrainSettings, WorldSettings
 from sim.terrain_files import choose_window, read_elevation, window_of
 
 __all__ = [
+    "TERRAINS",
     "Footing",
     "Terrain",
     "TerrainSettings",
@@ -23,6 +25,13 @@ __all__ = [
     "make_terrain",
     "place_team",
 ]
+
+Maker = Callable[[TerrainSettings, GridFrame, np.random.Generator], Terrain]
+
+TERRAINS: Plugins[Maker] = Plugins(
+    "ropeteam.terrains", {"cliff": make_relief, "plain": make_relief}
+)
+"""Made-up ground by `world.terrain.kind`: from its settings, the cells to fill, and dice."""
 
 MAX_CELLS = 4_200_000
 """Cells of a window: 2048 x 2048."""
@@ -53,7 +62,8 @@ def make_terrain(
         frame, elevation_m = window_of(file, extent_m, cell_m)
         return Terrain(frame, elevation_m, texture(settings.texture_poor, frame, rng))
     cols, rows = (max(1, math.floor(side / cell_m + 1e-6)) for side in world.window_m)
-    return make_relief(settings, GridFrame(0.0, 0.0, cell_m, rows, cols), rng)
+    frame = GridFrame(0.0, 0.0, cell_m, rows, cols)
+    return TERRAINS.find(settings.kind)(settings, frame, rng)
 
 
 def _check_size(world: WorldSettings, cell_m: float) -> None:

@@ -12,6 +12,7 @@ from agents.geometry import GridFrame, Pose, wrap_angle
 from agents.information import Interest, new_information
 from agents.scene import CLAIMED, Scene, View, ViewError
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+from comms.plugins import PluginError
 
 SENSOR = SensorSettings(range_m=5.0, height_m=1.4, fov_deg=60.0, fov_vertical_deg=45.0)
 PLANNER = PlannerSettings(max_candidates=30, n_max=3, tilts_deg=(-15.0, -38.0))
@@ -104,7 +105,7 @@ def test_a_finished_map_is_worth_no_look():
     assert choose(view_of(cliff(), np.full(FRAME.shape, 3))) is None
 
 
-@pytest.mark.parametrize("name", strategies.names())
+@pytest.mark.parametrize("name", strategies.STRATEGIES.own)
 def test_a_plan_is_drivable_and_points_where_it_says(name):
     view = view_of(partly_known(), others=[Pose(7.5, 9.0, 0.0, 0.0)])
     plan = choose(view, name)
@@ -179,7 +180,7 @@ def test_expected_visibility_stays_in_the_field_of_view_and_range():
 
 
 def test_an_unknown_strategy_and_a_bad_view_are_named():
-    with pytest.raises(strategies.StrategyError, match=r'"best".*information-interest'):
+    with pytest.raises(PluginError, match=r'"best".*information-interest'):
         strategies.strategy("best")
     with pytest.raises(ViewError, match="outside the map"):
         Scene(view_of(partly_known(), pose=Pose(-3.0, 0.0, 0.0, 0.0)))

@@ -1,7 +1,7 @@
 """Kinds of map behind one protocol: kept, shared and merged alike, each in its own cells.
 
 To add one (voxels, say): a submap and an estimate that answer `agents.maps.kind`, its payloads in
-`agents.sharing.POLICIES`, its name in `MapSettings.kind` and below, and a mapper that fills it
+`agents.sharing.WAYS`, its name in `MapSettings.kind` and below, and a mapper that fills it
 (`agents.mapper`).
 """
 

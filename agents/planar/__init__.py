@@ -2,35 +2,29 @@
 
 from collections.abc import Callable
 
-from agents.errors import AgentError
 from agents.planar import methods, team
 from agents.planar.methods import PlanarMethod
 from agents.planar.scene import Means
 from agents.planar.view import PlanarLook, PlanarView
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+from comms.plugins import Plugins
 
-__all__ = ["MethodError", "PlanarLook", "PlanarMethod", "PlanarView", "method", "names"]
+__all__ = ["METHODS", "Means", "PlanarLook", "PlanarMethod", "PlanarView", "method"]
 
-
-class MethodError(AgentError):
-    """A method that doesn't exist."""
-
-
-_METHODS: dict[str, Callable[[Means], PlanarMethod]] = {
-    "random": methods.Random,
-    "raster": methods.Raster,
-    "max-new": methods.MaxNew,
-    "min-old": methods.MinOld,
-    "information": methods.Histogrammed,
-    "information-entropy": methods.Stretched,
-    "information-voxel": methods.Voxel,
-    "team-information": team.TeamInformation,
-}
-
-
-def names() -> tuple[str, ...]:
-    """Return the names of all methods."""
-    return tuple(_METHODS)
+METHODS: Plugins[Callable[[Means], PlanarMethod]] = Plugins(
+    "ropeteam.planar_strategies",
+    {
+        "random": methods.Random,
+        "raster": methods.Raster,
+        "max-new": methods.MaxNew,
+        "min-old": methods.MinOld,
+        "information": methods.Histogrammed,
+        "information-entropy": methods.Stretched,
+        "information-voxel": methods.Voxel,
+        "team-information": team.TeamInformation,
+    },
+)
+"""By name; each is called for every robot, with the means that it has."""
 
 
 def method(
@@ -39,8 +33,6 @@ def method(
     """Return a new method for one robot.
 
     Raises:
-        MethodError: there is none of that name.
+        PluginError: there is none of that name.
     """
-    if name not in _METHODS:
-        raise MethodError(f'no method is named "{name}"; there are: {", ".join(names())}')
-    return _METHODS[name](Means(sensor, drive, planner))
+    return METHODS.find(name)(Means(sensor, drive, planner))

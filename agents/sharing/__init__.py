@@ -21,8 +21,9 @@ from agents.sharing.fifo import RawGrid, WholeMap
 from agents.sharing.policy import Desk, Free, Heard, Policy
 from agents.sharing.repair import Mark
 from agents.sharing.value import LatestFirst, Value
+from comms.plugins import Plugins
 
-__all__ = ["POLICIES", "Desk", "Free", "Heard", "Mark", "Policy", "Way", "way"]
+__all__ = ["WAYS", "Desk", "Free", "Heard", "Mark", "Policy", "Way", "way"]
 
 
 @dataclass(frozen=True)
@@ -41,14 +42,21 @@ class Way:
 
 
 _LEVELS = {"elevation": Pyramid, "planar": OccupancyPyramid}
-POLICIES: dict[str, Way] = {
-    "value": Way(Value, _LEVELS),
-    "latest-first": Way(LatestFirst, _LEVELS),
-    "raw": Way(RawGrid, {"elevation": Raw, "planar": RawOccupancy}),
-    "paper": Way(WholeMap, {"elevation": Paper}, whole_map=True),
-}
+WAYS: Plugins[Way] = Plugins(
+    "ropeteam.sharing",
+    {
+        "value": Way(Value, _LEVELS),
+        "latest-first": Way(LatestFirst, _LEVELS),
+        "raw": Way(RawGrid, {"elevation": Raw, "planar": RawOccupancy}),
+        "paper": Way(WholeMap, {"elevation": Paper}, whole_map=True),
+    },
+)
 
 
 def way(name: str) -> Way:
-    """Return a way of sharing by its name."""
-    return POLICIES[name]
+    """Return a way of sharing by its name.
+
+    Raises:
+        PluginError: there is none of that name.
+    """
+    return WAYS.find(name)

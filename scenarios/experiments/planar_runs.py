@@ -56,9 +56,10 @@ class Trial:
 def trials_of(options: Options, robots: int, fov_deg: float, range_m: float) -> list[Trial]:
     """Return the explorations that are asked for, seed by seed."""
     chosen = options.sets.get("method", METHODS)
-    unknown = [name for name in chosen if name not in planar.names()]
+    known = planar.METHODS.names()
+    unknown = [name for name in chosen if name not in known]
     if unknown:
-        raise UsageError(f"--set method={unknown[0]}: must be one of {', '.join(planar.names())}")
+        raise UsageError(f"--set method={unknown[0]}: must be one of {', '.join(known)}")
     maps = options.sets.get("map", ("",))
     for path in maps:
         if path:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from agents.sharing import POLICIES
+from agents.sharing import WAYS
 from scenarios.errors import UsageError
 from scenarios.experiments.frame import Experiment, Options
 from scenarios.experiments.sharing_claims import conclude
@@ -70,11 +70,11 @@ def _of_seed(seed: int, parts: Sequence[str], sets: tuple[str, ...]) -> Iterator
     for part in parts:
         match part:
             case "catch-up":
-                for policy in POLICIES:
+                for policy in WAYS.own:
                     yield Trial(part, "cliff", seed, policy, THIN_BPS, sets)
             case "lag":
                 # What `value` does at this rate is a run of the mission too, if that is run.
-                others = [p for p in POLICIES if p != "value" or "mission" not in parts]
+                others = [p for p in WAYS.own if p != "value" or "mission" not in parts]
                 for scenario in MISSION_S:
                     for policy in others:
                         yield Trial(part, scenario, seed, policy, THIN_BPS, sets)
