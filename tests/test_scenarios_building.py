@@ -62,8 +62,8 @@ def test_a_strategy_of_an_installed_package_chooses_the_looks(
     done = ropeteam(study, site, "run", "scenario.toml", *options)
     assert done.returncode == 0, done.stderr
     run = scenarios.open_run(tmp_path / "run")
-    assert run.summary["robots"]["explorer-1"]["looks"] > 6, "more than the first ones all round"
     assert len(run.looks) == sum(robot["looks"] for robot in run.summary["robots"].values())
+    assert len(run.looks) > 12, "more than the first ones all round"
     assert run.frames[0]["sender"] in run.summary["robots"]
 
 
