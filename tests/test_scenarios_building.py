@@ -64,7 +64,7 @@ def test_a_strategy_of_an_installed_package_chooses_the_looks(
     run = scenarios.open_run(tmp_path / "run")
     assert len(run.looks) == sum(robot["looks"] for robot in run.summary["robots"].values())
     assert len(run.looks) > 12, "more than the first ones all round"
-    assert run.frames[0]["sender"] in run.summary["robots"]
+    assert run.frames[0]["from"] in run.summary["robots"]
 
 
 def test_without_the_package_its_name_is_refused_in_one_sentence(
