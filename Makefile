@@ -13,7 +13,8 @@ SETTINGS := pyproject.toml constraints.txt
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo setup test test-all fuzz chaos lint format scenario-keys readme-picture clean
+.PHONY: help demo setup test test-all fuzz chaos lint docs figures format scenario-keys \
+	readme-picture clean
 
 help:
 	@echo "make demo      four robots map a cliff over thin radios; ends with a picture of it"
@@ -22,6 +23,7 @@ help:
 	@echo "make fuzz      a million damaged and forged inputs for each decoder (RUNS=n)"
 	@echo "make chaos     10,000 small runs under random faults (CHAOS=n), none of which may break"
 	@echo "make lint      ruff, pyright (strict), and the import contract of the four rooms"
+	@echo "make docs      the documents as a site, in build/site, with strict links"
 	@echo "make setup     only set up $(VENV), with $(BIN)/ropeteam in it"
 	@echo "make clean     remove $(VENV) and what tools left behind; runs/ stays"
 
@@ -59,6 +61,12 @@ format: $(VENV)/dev.stamp
 	$(BIN)/ruff format .
 
 # Writes the tables of docs/scenarios.md anew from the settings themselves.
+docs: $(VENV)/docs.stamp
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
+
+figures: $(VENV)/run.stamp
+	$(BIN)/python docs/figures.py
+
 scenario-keys: $(VENV)/run.stamp
 	$(BIN)/python docs/scenario_keys.py
 	$(BIN)/python docs/schemas.py
@@ -75,6 +83,7 @@ $(VENV)/run.stamp: EXTRAS :=
 $(VENV)/test.stamp: EXTRAS := [test]
 $(VENV)/dev.stamp: EXTRAS := [test,dev]
 $(VENV)/fuzz.stamp: EXTRAS := [test,fuzz]
+$(VENV)/docs.stamp: EXTRAS := [docs]
 
 # The build tool is pinned like all else, hence no build isolation.
 $(VENV)/%.stamp: $(SETTINGS)
