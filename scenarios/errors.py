@@ -20,6 +20,10 @@ class ScenarioError(StudyError):
         super().__init__("\n".join(problems))
         self.problems = tuple(problems)
 
+    def __reduce__(self) -> tuple[type["ScenarioError"], tuple[tuple[str, ...]]]:
+        """Travel between processes whole."""
+        return ScenarioError, (self.problems,)
+
 
 class FolderError(StudyError):
     """A folder that a run may not be written to."""

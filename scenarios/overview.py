@@ -14,7 +14,7 @@ from agents.geometry import Floats, GridFrame, Singles
 from scenarios.charts import draw_bytes_by_robot, draw_bytes_over_time, draw_information
 from scenarios.floor import draw_floor, show_floor
 from scenarios.ground import Scale, Way, draw_ground, scale_of, show_map, show_robot
-from scenarios.palette import INK, MUTED, robot_colours
+from scenarios.palette import INK, STYLE, robot_colours
 from scenarios.planarscore import PlanarTruth, score_floor
 from scenarios.record import Records
 from scenarios.summary import RobotFinal, Truth, score
@@ -25,22 +25,6 @@ if TYPE_CHECKING:
 
 MAX_MAPS = 6
 """More robots than these are told of in words."""
-_STYLE: dict[Any, Any] = {
-    "font.size": 11,
-    "axes.titlesize": 12.5,
-    "axes.titlelocation": "left",
-    "axes.titleweight": "bold",
-    "axes.edgecolor": MUTED,
-    "axes.labelcolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "text.color": INK,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
-    "legend.frameon": False,
-}
 
 
 @dataclass(frozen=True)
@@ -69,7 +53,7 @@ def draw(path: Path, overview: Overview) -> None:
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         layout = ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.1, hspace=0.04)
         figure = Figure(figsize=(16, 11.6), dpi=110, layout=layout, facecolor="white")
         FigureCanvasAgg(figure)

@@ -1,9 +1,27 @@
 """Colours of robots (Okabe and Ito) and frame kinds (Tol): the colour-blind tell them apart too."""
 
 from collections.abc import Iterable
+from typing import Any
 
 INK = "#1d2430"
 MUTED = "#8a92a0"
+STYLE: dict[Any, Any] = {
+    "font.size": 11,
+    "axes.titlesize": 12.5,
+    "axes.titlelocation": "left",
+    "axes.titleweight": "bold",
+    "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "text.color": INK,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "legend.frameon": False,
+}
+"""Of every figure, as matplotlib has it."""
 
 _ROBOTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _KINDS = {

@@ -1,3 +1,4 @@
+import pickle
 import random
 import tomllib
 from pathlib import Path
@@ -373,3 +374,9 @@ def test_events_of_one_moment_keep_the_order_of_the_file() -> None:
     random.Random(3).shuffle(targets)
     scenario = with_events(*({"at_s": 60, "kill": name} for name in targets))
     assert [event.target for event in scenario.timeline()] == targets
+
+
+def test_a_refusal_travels_between_processes_whole() -> None:
+    refusal = ScenarioError(["one.toml: a", "one.toml: b"])
+    again = pickle.loads(pickle.dumps(refusal))
+    assert (str(again), again.problems) == (str(refusal), refusal.problems)

@@ -37,18 +37,14 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _check_one(file: str) -> int:
-    """Check a scenario, its ground included."""
-    from numpy.random import default_rng
-
+    """Check a scenario, its ground or floor and the team's places on it included."""
     from scenarios.schema import load
+    from scenarios.stage import set_stage
     from sim.errors import WorldError
-    from sim.terrain import make_terrain
 
     try:
         scenario = load(file)
-        roles = [robot.role for robot in scenario.robots.values()]
-        ground = (scenario.world, scenario.map.cell_m, default_rng(scenario.seed), roles)
-        make_terrain(*ground, footprint_m=scenario.drive.footprint_m)
+        set_stage(scenario)
     except ScenarioError as error:
         print(error, file=sys.stderr)
     except WorldError as error:
