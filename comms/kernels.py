@@ -76,6 +76,17 @@ def warm_all() -> float:
     return time.perf_counter() - start
 
 
+def make_folder() -> None:
+    """Make the folder of compiled kernels.
+
+    Raises:
+        OSError: it can't be written to.
+
+    """
+    _folder.mkdir(parents=True, exist_ok=True)
+    (_folder / "writable").touch()
+
+
 def is_warm() -> bool:
     """Say whether the kernels of this very source were compiled on this machine before."""
     return (_folder / "warm").exists()
@@ -83,7 +94,7 @@ def is_warm() -> bool:
 
 def mark_warm() -> None:
     """Note that the kernels of this very source are compiled; drop those of long ago."""
-    _folder.mkdir(parents=True, exist_ok=True)
+    make_folder()
     (_folder / "warm").touch()
     others = sorted(cache_dir().glob("kernels-*"), key=lambda path: path.stat().st_mtime)
     for old in others[:-KEPT_CACHES]:

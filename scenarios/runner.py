@@ -17,6 +17,7 @@ from comms.timebase import to_s
 from scenarios import folder
 from scenarios.crew import Crew, MemoryCrew, cpu_s
 from scenarios.ending import conclude
+from scenarios.errors import FolderError
 from scenarios.live import LiveView
 from scenarios.overview import Overview, draw
 from scenarios.play import Play
@@ -59,7 +60,7 @@ def run(
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
-        FolderError: `out` can't be written to.
+        FolderError: `out`, or the folder of compiled kernels, can't be written to.
         KeyboardInterrupt: Ctrl-C; the records up to then were written.
         RobotFaultError: a robot's own program failed; the records up to then were written.
 
@@ -154,9 +155,21 @@ def _write_up(
 
 
 def _compile(view: LiveView) -> float:
-    """Compile the kernels, where this source was never run on this machine."""
+    """Compile the kernels, where this source was never run on this machine.
+
+    Raises:
+        FolderError: they can't be kept.
+
+    """
     if kernels.is_warm():
         return 0.0
+    try:
+        kernels.make_folder()
+    except OSError as error:
+        raise FolderError(
+            f"{kernels.cache_dir()}: compiled kernels can't be kept there ({error.strerror}); name"
+            " a folder that can be written to: ROPETEAM_CACHE=DIR"
+        ) from error
     view.say("Compiling kernels: once on this machine, about a minute ...")
     start_s = time.perf_counter()
     importlib.import_module("scenarios.preload")  # it imports every kernel, and warms it

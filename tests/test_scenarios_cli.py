@@ -1,3 +1,4 @@
+import os
 import re
 import subprocess
 import sys
@@ -216,3 +217,23 @@ def test_a_run_without_out_finds_a_free_folder(runs: Runs) -> None:
     assert exit_code("run", "cliff", "--seed", "4", "--overwrite") == 0
     outs = [str(out) for _, out, _ in runs.calls]
     assert outs == ["runs/cliff-4", "runs/cliff-4-2", "runs/cliff-4-3", "runs/cliff-4"]
+
+
+def test_a_folder_for_kernels_that_takes_nothing_is_told(tmp_path: Path) -> None:
+    """In a process of its own: the folder is settled when kernels are first imported."""
+    taken = tmp_path / "file"
+    taken.write_text("not a folder")
+    done = subprocess.run(
+        [sys.executable, "-m", "scenarios.cli", "run", "pair", "--out", str(tmp_path / "run")],
+        env={**os.environ, "ROPETEAM_CACHE": str(taken)},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"{taken}: compiled kernels can't be kept there (Not a directory); name a folder that can"
+        " be written to: ROPETEAM_CACHE=DIR\n"
+    )
+    assert not (tmp_path / "run").exists()
