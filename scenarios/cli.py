@@ -16,6 +16,7 @@ from scenarios.commands import (
     map,
     plot,
     replay,
+    report,
     run,
     shelf,
     stereo,
@@ -24,7 +25,7 @@ from scenarios.commands import (
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, report)
 
 
 class _Version(argparse.Action):

@@ -18,9 +18,10 @@ from scenarios.ending import Actor
 from scenarios.events import Event
 from scenarios.ledger import Ledger
 from scenarios.live import LiveView, Snapshot
-from scenarios.record import EventRow, Records, from_wire
+from scenarios.record import EventRow, Records, Row, from_wire
 from scenarios.stage import Stage
 from scenarios.summary import RobotFinal
+from scenarios.view.reel import Reel
 from scenarios.wire import Grant, Plan, Report
 from sim.motion import Motions, Segment
 
@@ -49,6 +50,8 @@ class Play(ABC):
     """Whether each robot writes its own log."""
     ledger: Ledger | None = None
     """What the team's sensors measured, where it is kept."""
+    reel: Reel | None = None
+    """What a page is shown of the run, where that is kept."""
 
     def __init__(self, stage: Stage, out: Path, crew: Crew, view: LiveView) -> None:
         """Take the stage; nothing runs yet."""
@@ -165,7 +168,13 @@ class Play(ABC):
 
     def note(self, name: str, what: str, detail: str = "") -> None:
         """Put something that happened on record."""
-        self.records.add(EventRow(to_s(self.now_ns), name, what, detail))
+        self.add_row(EventRow(to_s(self.now_ns), name, what, detail))
+
+    def add_row(self, row: Row) -> None:
+        """Put a row on record."""
+        self.records.add(row)
+        if self.reel is not None:
+            self.reel.row(row)
 
     # --- what happens to robots --------------------------------------------------------------
 
@@ -200,6 +209,7 @@ class Play(ABC):
             trouble_events=tuple(self.trouble_events),
             keeps_log=self.keeps_logs,
             keeps_ledger=self.ledger is not None,
+            keeps_growth=self.reel is not None,
         )
 
     def _up_again(self, name: str) -> None:
@@ -208,6 +218,11 @@ class Play(ABC):
             self.records.add_downtime(name, actor.down_since_s, to_s(self.now_ns))
             actor.down_since_s = None
         actor.state = "alive"
+        self._tell_state(name)
+
+    def _tell_state(self, name: str) -> None:
+        if self.reel is not None:
+            self.reel.state(name, to_s(self.now_ns), self.actors[name].state)
 
     def _kill(self, name: str) -> None:
         if name in self._news:
@@ -223,6 +238,8 @@ class Play(ABC):
         del self._news[name]
         self._down(name, state)
         self.motions.freeze(name, self.now_ns)
+        if self.reel is not None:
+            self.reel.freeze(name, self.now_ns)
         self._tell_all(("freeze", name, self.now_ns))
 
     def _down(self, name: str, state: str) -> None:
@@ -230,6 +247,7 @@ class Play(ABC):
         actor = self.actors[name]
         actor.state = state
         actor.down_since_s = to_s(self.now_ns)
+        self._tell_state(name)
         last = actor.last_tx
         if last is not None and from_s(last.end_s) >= self.now_ns:
             self.records.add_cut(name, last.seq, to_s(self.now_ns))
@@ -266,6 +284,8 @@ class Play(ABC):
         self._take_rows(told)
         if self.ledger is not None:
             self.ledger.add(told.name, told.measured)
+        if self.reel is not None:
+            self.reel.take(told)
         actor = self.actors[told.name]
         if told.status:
             actor.status = told.status
@@ -290,7 +310,7 @@ class Play(ABC):
     def _take_rows(self, told: Report) -> None:
         for wire in told.rows:
             row = from_wire(wire)
-            self.records.add(row)
+            self.add_row(row)
             self.actors[told.name].learn(row)
         for number, t_s in told.cuts:
             self.records.add_cut(told.name, number, t_s)

@@ -27,6 +27,8 @@ from scenarios.report import report
 from scenarios.schema import Scenario, dump
 from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
+from scenarios.view.reel import Reel
+from scenarios.view.report import write_report
 from scenarios.virtual import VirtualRun
 
 
@@ -55,7 +57,7 @@ def run(
     overwrite: bool = False,
     picture: bool = True,
 ) -> RunResult:
-    """Run a scenario and write its records to `out`, a picture of it among them or not.
+    """Run a scenario and write its records to `out`, a picture and a report of it or none.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -76,6 +78,8 @@ def run(
     crew = _crew(scenario)
     is_virtual = scenario.clock.mode == "virtual"
     play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
+    if picture:
+        play.reel = Reel(stage)
     with view, _ctrl_c(play.interrupt):
         try:
             play.play()
@@ -134,6 +138,8 @@ def _write_up(
                 goal_m=stage.goal_m,
             ),
         )
+    if play.reel is not None:
+        play.reel.write(out)
     costs = {name: ProcessCost(c.cpu_s, c.peak_memory_bytes) for name, c in play.crew.costs.items()}
     costs["runner"] = ProcessCost(cpu_s(), peak_bytes())
     host = HostCost(
@@ -144,6 +150,8 @@ def _write_up(
         processes=costs,
     )
     write_json(out / "host.json", {**host_facts(host), **play.final_facts_of_clock()})
+    if play.reel is not None:
+        write_report(out)
     view.say(report(summary, play.records, out))
     for actor in play.actors.values():
         if actor.fault:
