@@ -30,6 +30,7 @@ from scenarios.notebook import LogFile, Notebook
 from scenarios.record import EventRow, LookRow, MapRow
 from scenarios.schema import Scenario
 from scenarios.scorers import scorer_of
+from scenarios.view.hand import as_told
 from scenarios.view.witness import Witness
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import ScaledLoop, VirtualLoop
@@ -310,6 +311,9 @@ class Host:
         match command[0]:
             case "link":
                 self.own_radio.change_link(command[1])
+            case "events":
+                self.scenario = as_told(self.scenario, command[1])
+                self.own_radio.links.learn(self.scenario)
             case "freeze":
                 self.motions.freeze(command[1], command[2])
             case "trouble":

@@ -27,8 +27,10 @@ from scenarios.report import report
 from scenarios.schema import Scenario, dump
 from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
+from scenarios.view.livepage import LivePage
 from scenarios.view.reel import Reel
-from scenarios.view.report import write_report
+from scenarios.view.report import end_of, write_report
+from scenarios.view.rundir import read_run
 from scenarios.virtual import VirtualRun
 
 
@@ -56,8 +58,11 @@ def run(
     quiet: bool = False,
     overwrite: bool = False,
     picture: bool = True,
+    page: LivePage | None = None,
 ) -> RunResult:
     """Run a scenario and write its records to `out`, a picture and a report of it or none.
+
+    While it goes on it is shown on a `page`, if there is one; then there must be a picture too.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -80,12 +85,15 @@ def run(
     play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
     if picture:
         play.reel = Reel(stage)
-    with view, _ctrl_c(play.interrupt):
-        try:
-            play.play()
-        finally:
-            crew.close()
-    return _write_up(play, view, started_s + compile_s, compile_s, picture=picture)
+    with contextlib.closing(page or LivePage()):
+        with view, _ctrl_c(play.interrupt):
+            try:
+                if page is not None:
+                    page.begin(play, title)
+                play.play()
+            finally:
+                crew.close()
+        return _write_up(play, view, started_s + compile_s, compile_s, picture=picture, page=page)
 
 
 def _crew(scenario: Scenario) -> Crew:
@@ -114,7 +122,13 @@ def _ctrl_c(interrupt: Callable[[], None]) -> Generator[None]:
 
 
 def _write_up(
-    play: Play, view: LiveView, started_s: float, compile_s: float, *, picture: bool
+    play: Play,
+    view: LiveView,
+    started_s: float,
+    compile_s: float,
+    *,
+    picture: bool,
+    page: LivePage | None,
 ) -> RunResult:
     """Write all records of a run that has ended, and say what came out."""
     stage, out = play.stage, play.out
@@ -152,6 +166,8 @@ def _write_up(
     write_json(out / "host.json", {**host_facts(host), **play.final_facts_of_clock()})
     if play.reel is not None:
         write_report(out)
+    if page is not None:
+        page.end(play, end_of(read_run(out)))
     view.say(report(summary, play.records, out))
     for actor in play.actors.values():
         if actor.fault:

@@ -67,7 +67,8 @@ class Grant:
     segments: list[Any] = field(default_factory=list[Any])
     commands: list[Any] = field(default_factory=list[Any])
     """("link", index in the timeline), ("trouble", index in the timeline), ("freeze", robot, t_ns),
-    ("begin", epoch_s) on the real clock, or ("finish",)."""
+    ("events", what happens by now, with what was done by hand), ("begin", epoch_s) on the real
+    clock, or ("finish",)."""
 
     def to_wire(self) -> bytes:
         """Return the grant as MessagePack bytes."""

@@ -27,12 +27,7 @@ def write_report(path: Path, out: Path | None = None) -> Path:
     data = {
         "head": head,
         "rows": rows,
-        "end": {
-            "summary": run.summary,
-            "host": run.host,
-            "scenario": run.scenario,
-            "versions": versions(),
-        },
+        "end": end_of(run),
     }
     text = self_contained(f"{head['title']} (seed {head['seed']})", "report", data)
     return keep(path / FILE if out is None else out, text)
@@ -50,6 +45,11 @@ def keep(out: Path, text: str) -> Path:
     except OSError as error:
         raise UsageError(f"{out}: can't be written: {error.strerror}") from error
     return out
+
+
+def end_of(run: Run) -> dict[str, Any]:
+    """Return what a page is told of a run that has ended."""
+    return {"summary": run.summary, "scenario": run.scenario, "versions": versions()}
 
 
 def versions() -> dict[str, str]:

@@ -3,6 +3,7 @@
 import { clock } from "ropeteam/model";
 
 const HEIGHT = 210;
+const WIDTHS = [6, 4.2, 2.8, 1.4];
 
 // A chart of one curve per robot; `series(robot)` gives [[t, value] ...], values hold till the next.
 export class Chart {
@@ -56,11 +57,10 @@ export class Chart {
       ],
       series: [
         { label: "time", value: (_, t) => (t === null ? "" : clock(t)) },
-        ...this.curves.map(({ label, colour, dash }) => ({
+        ...this.curves.map(({ label, colour }, i) => ({
           label,
           stroke: colour,
-          width: 1.8,
-          dash,
+          width: WIDTHS[i] ?? WIDTHS.at(-1), // curves that lie on each other stay visible
           paths: uPlot.paths.stepped({ align: 1 }),
           points: { show: false },
           spanGaps: true,

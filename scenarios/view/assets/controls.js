@@ -50,20 +50,21 @@ export class Page {
         make("div", {}, make("h1", {}, head.title), this.status),
         make("button", { class: "quiet", title: "Light or dark", on: { click: () => this.flip() } }, "Light / dark"),
       ),
+      this.live ? this.live.bar() : "",
       this.numbers,
       make(
         "main",
         { class: "panels" },
         make("section", { class: "card stage", "aria-label": "World" }, this.choices(), this.worldCanvas, this.legend()),
-        make("section", { class: "maps", "aria-label": "Each robot's team map" }, ...this.maps.map((m) => m.card)),
+        make(
+          "div",
+          { class: "right" },
+          make("section", { class: "maps", "aria-label": "Each robot's team map" }, ...this.maps.map((m) => m.card)),
+          make("section", { class: "card side" }, make("h2", {}, "Events"), this.eventList),
+        ),
       ),
       this.timeBar(),
-      make(
-        "div",
-        { class: "below" },
-        this.charts,
-        make("section", { class: "card side" }, make("h2", {}, "Events"), this.eventList),
-      ),
+      this.charts,
       this.tables,
     );
     this.bytesChart = this.chart("Sent so far, kB", { tick: (v) => String(v), text: (v) => `${v.toFixed(1)} kB` });
@@ -139,7 +140,9 @@ export class Page {
 
   timeBar() {
     const button = (words, title, act, more = {}) => make("button", { title, "aria-label": title, on: { click: act }, ...more }, words);
-    this.playButton = button("▶", "Play (space)", () => this.toggle(), { class: "play" });
+    this.playButton = button("Play", "Play (space)", () => this.toggle(), { class: "play" });
+    this.isLive = this.live !== null;
+    if (this.live) this.playButton.hidden = true;
     this.slider = make("input", {
       type: "range",
       min: 0,
@@ -155,6 +158,7 @@ export class Page {
       { "aria-label": "Speed of play-back", on: { change: () => this.setSpeed(Number(this.speedSelect.value)) } },
       ...SPEEDS.map((speed) => make("option", { value: speed }, `${speed} ×`)),
     );
+    this.speedLabel = make("label", { class: "speed", hidden: this.live !== null }, "plays at ", this.speedSelect);
     this.liveButton = this.live
       ? button("to now", "Follow the run as it goes on", () => this.follow(), { class: "quiet" })
       : null;
@@ -162,13 +166,13 @@ export class Page {
     return make(
       "nav",
       { class: "time", "aria-label": "Time" },
-      button("⏮", "To the start (Home)", () => this.seek(0)),
+      button("start", "To the start (Home)", () => this.seek(0)),
       button("−5 s", "Back by 5 simulated seconds (←; with shift a minute)", () => this.seek(this.t - 5)),
       this.playButton,
       button("+5 s", "On by 5 simulated seconds (→; with shift a minute)", () => this.seek(this.t + 5)),
       make("div", { class: "track" }, this.slider, this.marks),
       this.clockText,
-      make("label", { class: "speed" }, "play at ", this.speedSelect),
+      this.speedLabel,
       this.liveButton,
     );
   }
@@ -188,6 +192,15 @@ export class Page {
     this.setSpeed(SPEEDS.findLast((speed) => this.end_s / speed >= WHOLE_IN_S) ?? SPEEDS[0]);
   }
 
+  // From now on the page plays back what it was told: the run has ended.
+  release() {
+    this.isLive = false;
+    this.playButton.hidden = this.speedLabel.hidden = false;
+    this.liveButton.hidden = true;
+    this.listed = -1;
+    this.pickSpeed();
+  }
+
   toggle() {
     this.playing = !this.playing;
     if (this.playing && this.t >= this.end_s) this.t = 0;
@@ -198,7 +211,7 @@ export class Page {
   }
 
   showPlaying() {
-    this.playButton.textContent = this.playing ? "⏸" : "▶";
+    this.playButton.textContent = this.playing ? "Pause" : "Play";
     this.playButton.title = this.playing ? "Pause (space)" : "Play (space)";
     this.playButton.setAttribute("aria-label", this.playButton.title);
     if (this.liveButton) this.liveButton.setAttribute("aria-pressed", String(this.follows));
@@ -235,11 +248,11 @@ export class Page {
     if (event.target.matches?.("input[type=radio], select, input[type=number]")) return;
     const far = event.shiftKey ? 60 : 5;
     const acts = {
-      " ": () => this.toggle(),
+      " ": () => (this.isLive ? this.live.toggle() : this.toggle()),
       ArrowLeft: () => this.seek(this.t - far),
       ArrowRight: () => this.seek(this.t + far),
       Home: () => this.seek(0),
-      End: () => (this.live ? this.follow() : this.seek(this.end_s)),
+      End: () => (this.isLive ? this.follow() : this.seek(this.end_s)),
     };
     if (event.key === " " && event.target.matches?.("button")) return;
     if (event.ctrlKey || event.metaKey || event.altKey || !(event.key in acts)) return;
@@ -326,7 +339,7 @@ export class Page {
       this.eventItems = told.slice(-MOST_EVENTS).map((row) => this.eventItem(row));
       const empty = make("li", { class: "empty" }, "Nothing has happened yet.");
       this.eventList.replaceChildren(...(this.eventItems.length > 0 ? this.eventItems.map((e) => e.item) : [empty]));
-      this.marks.replaceChildren(...(this.live ? [] : told.map((row) => this.mark(row))));
+      this.marks.replaceChildren(...(this.isLive ? [] : told.map((row) => this.mark(row))));
     }
     for (const { item, t } of this.eventItems ?? []) item.classList.toggle("later", t > this.t + 1e-6);
   }
@@ -375,12 +388,10 @@ export class Page {
   // --- light and dark ------------------------------------------------------------------------
 
   flip() {
-    const dark = getComputedStyle(this.root).getPropertyValue("color-scheme").includes("dark");
     const isDark = this.forced ? this.forced === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
     this.forced = isDark ? "light" : "dark";
     document.documentElement.style.colorScheme = this.forced;
     this.restyle();
-    return dark;
   }
 
   restyle() {

@@ -41,7 +41,8 @@ export class Run {
 
   send([from, number, kind, bytes, start, end]) {
     const robot = this.robots[from];
-    const frame = { from, number, kind, bytes, start, end, heard: new Map() };
+    const total = (robot.frames.at(-1)?.total ?? 0) + bytes;
+    const frame = { from, number, kind, bytes, start, end, total, heard: new Map() };
     robot.sent.set(number, frame);
     robot.frames.push(frame);
     this.frames.push(frame);
@@ -149,10 +150,7 @@ class Robot {
   }
 
   bytesTo(t) {
-    const n = upTo(this.frames, t, (f) => f.start);
-    let sum = 0;
-    for (let i = 0; i < n; i += 1) sum += this.frames[i].bytes;
-    return sum;
+    return this.frames[upTo(this.frames, t, (frame) => frame.start) - 1]?.total ?? 0;
   }
 }
 

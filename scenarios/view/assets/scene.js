@@ -156,13 +156,24 @@ export class World extends Panel {
     this.ink.font = theme.font;
     this.ink.textBaseline = "middle";
     this.goal(theme);
+    this.clip();
     for (const robot of this.run.robots) this.track(robot, t);
     for (const robot of this.run.robots) this.plan(robot, t);
     this.tethers(t, theme);
     for (const robot of this.run.robots) this.view(robot, t);
+    this.ink.restore();
     this.links(t, slack_s, theme);
     for (const robot of this.run.robots) this.robot(robot, t, theme);
     this.ruler(theme);
+  }
+
+  // Draws nothing beside the map, until `restore`.
+  clip() {
+    const [, , wide, high] = this.extent;
+    this.ink.save();
+    this.ink.beginPath();
+    this.ink.rect(this.left, this.bottom - high * this.scale, wide * this.scale, high * this.scale);
+    this.ink.clip();
   }
 
   goal(theme) {

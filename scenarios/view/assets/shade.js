@@ -128,4 +128,4 @@ export class Picture {
 
 const FREE = [246, 236, 216];
 const SOLID = [122, 61, 52];
-const HEARD = 150; // what a robot was told, and did not see itself, is paler
+const HEARD = 185; // what a robot was told, and did not see itself, is paler
