@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from scenarios.commands import (
     chaos,
+    compare,
     experiment,
     link,
     map,
@@ -25,7 +26,7 @@ from scenarios.commands import (
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, report)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, report, compare)
 
 
 class _Version(argparse.Action):

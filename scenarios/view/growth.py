@@ -106,7 +106,7 @@ class Growth:
         apart = np.abs(levels.astype(np.int32) - self._shown) > SLACK
         known_anew = (levels == UNKNOWN) != (self._shown == UNKNOWN)
         changed = np.flatnonzero(apart | known_anew)
-        own = self._scale.mask(own)
+        own = self._scale.mask(own).copy()
         measured = np.flatnonzero(own & ~self._own)
         first, self._begun = not self._begun, True
         if not first and changed.size == 0 and measured.size == 0:

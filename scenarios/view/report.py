@@ -8,7 +8,7 @@ from scenarios.errors import UsageError
 from scenarios.record import write_atomic
 from scenarios.view.page import self_contained
 from scenarios.view.reel import Rows
-from scenarios.view.rundir import Run, Table, read_playback, read_run
+from scenarios.view.rundir import Run, Table, fitting, read_playback, read_run
 
 FILE = "report.html"
 _VERSIONS = ("ropeteam", "eclipse-zenoh", "numpy", "scipy", "numba")
@@ -23,7 +23,8 @@ def write_report(path: Path, out: Path | None = None) -> Path:
     """
     run = read_run(path)
     head, rows = read_playback(path)
-    rows.update(_rows(run, {robot["name"]: n for n, robot in enumerate(head["robots"])}))
+    with fitting(path):
+        rows.update(_rows(run, {robot["name"]: n for n, robot in enumerate(head["robots"])}))
     data = {
         "head": head,
         "rows": rows,

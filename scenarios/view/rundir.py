@@ -3,6 +3,8 @@
 import csv
 import json
 import zlib
+from collections.abc import Generator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -84,6 +86,21 @@ def read_playback(path: Path) -> tuple[dict[str, Any], Rows]:
         raise UsageError(f"{file}: can't be read: {error.strerror}") from error
     except (zlib.error, ValueError, KeyError, TypeError, AttributeError) as error:
         raise UsageError(f"{file}: is no playback of a run") from error
+
+
+@contextmanager
+def fitting(path: Path) -> Generator[None]:
+    """Refuse a run whose files don't fit together, while they are put together.
+
+    Raises:
+        UsageError: something is missing in one of them, or is no number.
+
+    """
+    try:
+        yield
+    except (KeyError, ValueError, TypeError) as error:
+        said = f"{type(error).__name__}: {error}"
+        raise UsageError(f"{path}: its files don't fit together ({said})") from error
 
 
 def _json(path: Path) -> dict[str, Any]:

@@ -7,13 +7,14 @@ can guess, and takes no word from the page of another origin.
 import asyncio
 import json
 import secrets
+import socket
 import threading
+import time
 from collections.abc import Callable
 from typing import Any, cast
 
 from tornado.httpserver import HTTPServer
-from tornado.netutil import bind_sockets
-from tornado.web import Application, RequestHandler
+from tornado.web import Application, HTTPError, RequestHandler
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from scenarios.errors import UsageError
@@ -44,7 +45,7 @@ class Server:
         self._state = b""
         self._pages: dict[_Socket, None] = {}
         self._key = secrets.token_urlsafe(9)
-        self._loop = asyncio.new_event_loop()
+        self._loop: asyncio.AbstractEventLoop | None = None
         self._thread = threading.Thread(target=self._serve, name="page", daemon=True)
         self._began = threading.Event()
         self.watched = threading.Event()
@@ -59,25 +60,21 @@ class Server:
             UsageError: the port is taken.
 
         """
-        try:
-            sockets = bind_sockets(port, HOST)
-        except OSError as error:
-            raise UsageError(
-                f"--port {port}: {error.strerror}; leave it out for any free"
-            ) from error
-        self.address = f"http://{HOST}:{sockets[0].getsockname()[1]}/{self._key}/"
-        self._sockets = sockets
+        self._socket = _listening(port)
+        self.address = f"http://{HOST}:{self._socket.getsockname()[1]}/{self._key}/"
+        self._loop = asyncio.new_event_loop()
         self._thread.start()
         assert self._began.wait(START_S), "the page's server did not start"
 
     def tell(self, told: dict[str, Any]) -> None:
         """Show something on all pages, and on those that come later; from any thread."""
+        assert self._loop is not None
         data = pack(told)
         self._loop.call_soon_threadsafe(self._spread, data, told["type"])
 
     def stop(self) -> None:
         """End, once all pages have taken what was told, or have had time to."""
-        if not self._thread.is_alive():
+        if self._loop is None or not self._thread.is_alive():
             return
         done = asyncio.run_coroutine_threadsafe(self._drain(), self._loop)
         try:
@@ -89,6 +86,7 @@ class Server:
     # --- in the server's thread ------------------------------------------------------------
 
     def _serve(self) -> None:
+        assert self._loop is not None
         asyncio.set_event_loop(self._loop)
         self._loop.call_soon(self._begin)
         self._loop.run_forever()
@@ -101,7 +99,7 @@ class Server:
         ]
         application = Application(routes, log_function=_no_log)
         self._http = http = HTTPServer(application)
-        http.add_sockets(self._sockets)
+        http.add_sockets([self._socket])
         self._began.set()
 
     def _spread(self, data: bytes, kind: str) -> None:
@@ -114,8 +112,10 @@ class Server:
 
     def join(self, page: "_Socket") -> None:
         """Show a page all that was told so far."""
-        for data in (*self._told, self._state):
+        for data in self._told:
             page.tell(data)
+        if self._state:
+            page.tell(self._state)
         self._pages[page] = None
         self.watched.set()
 
@@ -130,8 +130,8 @@ class Server:
     async def _drain(self) -> None:
         for page in list(self._pages):
             page.close(1000, "the run is over")
-        deadline_s = self._loop.time() + DRAIN_S
-        while self._pages and self._loop.time() < deadline_s:
+        deadline_s = time.monotonic() + DRAIN_S
+        while self._pages and time.monotonic() < deadline_s:
             await asyncio.sleep(0.02)
         if self._http is not None:
             self._http.stop()
@@ -142,13 +142,39 @@ def _no_log(handler: RequestHandler) -> None:
     """Write no line for each request."""
 
 
-def _is_ours(handler: RequestHandler) -> bool:
-    """Say whether a request names this computer: another name may be a trick of a foreign page."""
-    name = handler.request.host.partition(":")[0]
-    return name in (HOST, "localhost")
+def _listening(port: int) -> socket.socket:
+    """Return a socket that listens on loopback.
+
+    Raises:
+        UsageError: the port is taken.
+
+    """
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((HOST, port))
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        said = f"--port {port}: {error.strerror}; must be a free port, or left out for any"
+        raise UsageError(said) from error
+    listening.setblocking(False)
+    return listening
 
 
-class _File(RequestHandler):
+class _Ours(RequestHandler):
+    """Answers those only who call this computer by its own name.
+
+    Another name may be a trick: a foreign page whose name has come to mean this computer.
+    """
+
+    def prepare(self) -> None:
+        """Refuse a request that names another computer."""
+        if self.request.host.partition(":")[0] not in (HOST, "localhost"):
+            raise HTTPError(403)
+
+
+class _File(_Ours):
     """The page and its scripts."""
 
     def initialize(self, title: str) -> None:
@@ -157,7 +183,7 @@ class _File(RequestHandler):
 
     def get(self, name: str) -> None:
         """Send a file."""
-        if not _is_ours(self) or (name and name not in _ASSETS):
+        if name and name not in _ASSETS:
             self.send_error(404)
             return
         self.set_header("Cache-Control", "no-store")
@@ -170,16 +196,12 @@ class _File(RequestHandler):
             self.write(served(self._title))
 
 
-class _Socket(WebSocketHandler):
+class _Socket(_Ours, WebSocketHandler):
     """What one open page is told, and what it asks for."""
 
     def initialize(self, server: Server) -> None:
         """Belong to a server."""
         self._server = server
-
-    def check_origin(self, origin: str) -> bool:
-        """Take no page but our own."""
-        return _is_ours(self) and super().check_origin(origin)
 
     def open(self, *_: str, **__: str) -> None:
         """Show a page that was just opened all that there is."""

@@ -3,11 +3,11 @@
 import { clock } from "ropeteam/model";
 
 const HEIGHT = 210;
-const WIDTHS = [6, 4.2, 2.8, 1.4];
+const WIDTHS = [4.6, 3.5, 2.4, 1.3];
 
 // A chart of one curve per robot; `series(robot)` gives [[t, value] ...], values hold till the next.
 export class Chart {
-  constructor(place, { title, unit, curves, look, onPick }) {
+  constructor(place, { title, unit, curves, look, onPick, xText = clock, xLabel = "time" }) {
     this.place = place;
     this.curves = curves;
     this.now = 0;
@@ -19,6 +19,8 @@ export class Chart {
     this.figure.append(caption, this.body);
     place.append(this.figure);
     this.unit = unit;
+    this.xText = xText;
+    this.xLabel = xLabel;
     this.look = look;
     this.onPick = onPick;
     this.size = new ResizeObserver(() => this.fit());
@@ -52,11 +54,11 @@ export class Chart {
       legend: { live: true },
       scales: { x: { time: false } },
       axes: [
-        axis({ values: (_, ticks) => ticks.map(clock), space: 80 }),
+        axis({ values: (_, ticks) => ticks.map(this.xText), space: 80 }),
         axis({ values: (_, ticks) => ticks.map((value) => this.unit.tick(value)), size: 54 }),
       ],
       series: [
-        { label: "time", value: (_, t) => (t === null ? "" : clock(t)) },
+        { label: this.xLabel, value: (_, x) => (x === null || x === undefined ? "" : this.xText(x)) },
         ...this.curves.map(({ label, colour }, i) => ({
           label,
           stroke: colour,
@@ -102,13 +104,14 @@ export class Chart {
   }
 }
 
-// Columns for uPlot of several curves with times of their own.
-export function together(curves, end_s) {
+// Columns for uPlot of several curves with times of their own, each held to `end` (null: not held).
+export function together(curves, end) {
   const tables = curves.map((points) => {
-    const closed = points.length > 0 ? [...points, [end_s, points.at(-1)[1]]] : [[0, null], [end_s, null]];
+    const last = end === null || points.length === 0 ? [] : [[end, points.at(-1)[1]]];
+    const closed = points.length > 0 ? [...points, ...last] : [[0, null]];
     return [closed.map((p) => p[0]), closed.map((p) => p[1])];
   });
-  return tables.length > 0 ? uPlot.join(tables) : [[0, end_s]];
+  return tables.length > 0 ? uPlot.join(tables) : [[0]];
 }
 
 // Points thinned to about as many as there are pixels: the last of each span is kept.

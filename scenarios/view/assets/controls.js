@@ -372,7 +372,7 @@ export class Page {
       ["mapped", `${(100 * team.coverage).toFixed(1)} % of ${team.observable_cells.toLocaleString("en")} cells that can be seen`],
       ["elevation error", some(team.elevation_rmse_m, (m) => `${m.toFixed(3)} m rms`)],
       ["maps", team.maps_equal ? "all equal" : "they differ"],
-      ...Object.entries(summary.mission).map(([key, value]) => [key.replaceAll("_", " "), some(value, String)]),
+      ...Object.entries(summary.mission).map(missionFact),
     ];
     const card = (title, ...more) => make("section", { class: "card" }, make("h2", {}, title), ...more);
     this.tables.replaceChildren(
@@ -400,6 +400,13 @@ export class Page {
     this.coverageChart.restyle();
     this.draw();
   }
+}
+
+// What a mission's figure says, e.g. ["cliffbot reached", "yes"].
+function missionFact([key, value]) {
+  if (typeof value === "boolean") return [key.replaceAll("_", " "), value ? "yes" : "no"];
+  if (key.endsWith("_at_s")) return [key.slice(0, -5).replaceAll("_", " "), some(value, (t) => `at ${clock(t)}`)];
+  return [key.replaceAll("_", " "), some(value, String)];
 }
 
 // The page's colours as a canvas wants them.

@@ -6,7 +6,7 @@ import { bytesText } from "ropeteam/model";
 const PAD = 10; // CSS pixels around a map
 
 export const KIND_COLOURS = {
-  map: "#5b4bc4",
+  map: "#7868e6",
   anchor: "#2f9fd0",
   digest: "#b89b1f",
   status: "#2f9e8f",
