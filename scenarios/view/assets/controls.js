@@ -276,9 +276,9 @@ export class Page {
     this.slider.value = String(this.t);
     this.slider.setAttribute("aria-valuetext", clock(this.t));
     this.clockText.textContent = `${clock(this.t)} / ${clock(this.end_s)}`;
-    this.world.draw(this.t, LIT_S * (this.playing || this.follows ? this.speed : 1), this.theme);
+    this.world.draw(this.t, LIT_S * (this.playing || this.follows ? this.speed : 1), this.theme, this.playing);
     for (const { panel, facts, robot } of this.maps) {
-      panel.draw(this.t, this.theme);
+      panel.draw(this.t, this.theme, this.playing);
       facts.textContent = this.mapFacts(robot);
     }
     this.bytesChart.at(this.t);
@@ -339,6 +339,7 @@ export class Page {
       this.eventItems = told.slice(-MOST_EVENTS).map((row) => this.eventItem(row));
       const empty = make("li", { class: "empty" }, "Nothing has happened yet.");
       this.eventList.replaceChildren(...(this.eventItems.length > 0 ? this.eventItems.map((e) => e.item) : [empty]));
+      if (this.follows) this.eventList.scrollTop = this.eventList.scrollHeight;
       this.marks.replaceChildren(...(this.isLive ? [] : told.map((row) => this.mark(row))));
     }
     for (const { item, t } of this.eventItems ?? []) item.classList.toggle("later", t > this.t + 1e-6);

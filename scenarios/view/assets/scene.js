@@ -4,6 +4,7 @@ import { Picture, colourRange } from "ropeteam/shade";
 import { bytesText } from "ropeteam/model";
 
 const PAD = 10; // CSS pixels around a map
+const REPAINT_MS = 120; // while time runs, maps are painted anew no more often
 
 export const KIND_COLOURS = {
   map: "#7868e6",
@@ -24,6 +25,14 @@ class Panel {
     this.ink = canvas.getContext("2d");
     const { x_m, y_m, cell_m, rows, cols } = head.frame;
     this.extent = [x_m, y_m, cols * cell_m, rows * cell_m];
+  }
+
+  // Whether it is time to paint a map anew that has changed.
+  isDue(hurried) {
+    const now = performance.now();
+    if (hurried && now < (this.paintedAt ?? 0) + REPAINT_MS) return false;
+    this.paintedAt = now;
+    return true;
   }
 
   begin() {
@@ -125,10 +134,10 @@ export class World extends Panel {
   }
 
   // Paints the chosen map where it has changed: a robot's, or whatever any robot knows.
-  repaint() {
+  repaint(hurried) {
     const { robots } = this.run;
     const mark = `${this.choice} ${robots.map((robot) => robot.map.revision).join()}`;
-    if (mark === this.painted) return;
+    if (mark === this.painted || !this.isDue(hurried)) return;
     this.painted = mark;
     if (this.choice === "truth") return;
     if (this.choice !== "team") {
@@ -143,13 +152,14 @@ export class World extends Panel {
     this.map.paint(union);
   }
 
-  draw(t, slack_s, theme) {
+  // Draws a moment; frames that are over stay lit for `slack_s`.
+  draw(t, slack_s, theme, hurried) {
     if (this.theme !== theme) {
       this.theme = theme;
       this.truth.paint(this.run.truth, { grey: this.run.isPlanar ? theme.floor : theme.rock });
     }
     if (!this.begin()) return;
-    this.repaint();
+    this.repaint(hurried);
     this.lay(this.truth, this.choice === "truth" ? 0.95 : 0.5);
     if (this.choice !== "truth") this.lay(this.map);
     this.frame(theme.line);
@@ -349,10 +359,10 @@ export class RobotMap extends Panel {
     return 4;
   }
 
-  draw(t, theme) {
+  draw(t, theme, hurried) {
     if (!this.begin()) return;
     const { map } = this.robot;
-    if (this.painted !== map.revision) {
+    if (this.painted !== map.revision && this.isDue(hurried)) {
       this.painted = map.revision;
       this.picture.paint(map.levels, { own: map.own });
     }
