@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --quiet
 
 .DEFAULT_GOAL := help
 .PHONY: help demo setup test test-all fuzz chaos lint docs figures format scenario-keys \
-	readme-picture clean
+	readme-picture view-pictures clean
 
 help:
 	@echo "make demo      four robots map a cliff over thin radios; ends with a picture of it"
@@ -73,6 +73,11 @@ scenario-keys: $(VENV)/run.stamp
 
 readme-picture: demo
 	cp "$(OUT)/overview.png" docs/images/cliff.png
+
+# Two runs of minutes; needs Chromium.
+view-pictures: demo
+	$(BIN)/ropeteam run cliff --set links.profile=sojourner --out runs/thin --overwrite --quiet
+	$(BIN)/python docs/view_pictures.py runs/demo runs/thin
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache

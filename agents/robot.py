@@ -49,6 +49,8 @@ class Robot(Member):
         self.rng = rng
         self.mapper: Mapper = MAPPERS[settings.map.kind](self)
         self.looks = 0
+        self.plan: NextLook | None = None
+        """The look that it is about to take."""
         self.trail = [(self.pose.x_m, self.pose.y_m)]
 
     # --- look, localise, fuse -------------------------------------------------------------
@@ -152,6 +154,7 @@ class Robot(Member):
         no time.
         """
         plan = await self.mapper.choose()
+        self.plan = plan
         if plan is None:
             self.claim = None
             return None

@@ -12,11 +12,13 @@ from collections.abc import Sequence
 from scenarios.commands import (
     building,
     chaos,
+    compare,
     experiment,
     link,
     map,
     plot,
     replay,
+    report,
     run,
     shelf,
     stereo,
@@ -25,7 +27,21 @@ from scenarios.commands import (
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, building)
+COMMANDS = (
+    run,
+    shelf,
+    experiment,
+    map,
+    link,
+    chaos,
+    replay,
+    sweep,
+    plot,
+    stereo,
+    building,
+    report,
+    compare,
+)
 
 
 class _Version(argparse.Action):

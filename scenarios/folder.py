@@ -16,6 +16,8 @@ RUN_FILES = (
     "events.csv",
     "scenario.toml",
     "overview.png",
+    "playback.bin",
+    "report.html",
     "rows.csv",
     "experiment.json",
     "figure.png",

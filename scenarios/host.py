@@ -30,6 +30,8 @@ from scenarios.notebook import LogFile, Notebook
 from scenarios.record import EventRow, LookRow, MapRow
 from scenarios.schema import Scenario
 from scenarios.scorers import scorer_of
+from scenarios.view.hand import as_told
+from scenarios.view.witness import Witness
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import ScaledLoop, VirtualLoop
 from sim.motion import Motions, Segment
@@ -63,6 +65,7 @@ class Host:
         self._scorer = scorer_of(plan.terrain)
         self._tasks: list[asyncio.Task[None]] = []
         self.measured: list[Any] = []
+        self._witness = Witness(plan) if plan.keeps_growth else None
         self.troubles = Troubles()
         for index in plan.trouble_events:
             self.obey(("trouble", index))
@@ -243,6 +246,8 @@ class Host:
             self._scored = heard
             bits, error_m = team.kind.bits(heard), self._scorer.error_m(heard)
             self._map_score = (bits, error_m, int(np.count_nonzero(heard.known)), *self._layers())
+            if self._witness is not None:
+                self._witness.weigh(t_ns, self._scorer.done(heard), heard, self.robot)
         bits, error_m, cells, own_bits, heard_bits = self._map_score
         own, known = self.robot.own.known_cells(), team.known_entries()
         row = MapRow(to_s(t_ns), self.name, own, known, bits, error_m, cells, own_bits, heard_bits)
@@ -306,6 +311,9 @@ class Host:
         match command[0]:
             case "link":
                 self.own_radio.change_link(command[1])
+            case "events":
+                self.scenario = as_told(self.scenario, command[1])
+                self.own_radio.links.learn(self.scenario)
             case "freeze":
                 self.motions.freeze(command[1], command[2])
             case "trouble":
@@ -323,7 +331,7 @@ class Host:
         measured, self.measured = self.measured, []
         status, self.status = self.status, {}
         next_ns = self.loop.next_event_ns() if isinstance(self.loop, VirtualLoop) else None
-        return Report(
+        report = Report(
             self.name,
             self.robot.me.incarnation,
             next_ns,
@@ -333,9 +341,12 @@ class Host:
             rows,
             cuts,
             measured,
-            status,
-            self.fault,
+            status=status,
+            fault=self.fault,
         )
+        if self._witness is not None:
+            report.growth, report.plans = self._witness.take(self.now_ns(), self.robot)
+        return report
 
     def finish(self, end_ns: int) -> Report:
         """End the run here: take the mail that has arrived, weigh the map once more, report."""

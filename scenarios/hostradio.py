@@ -103,6 +103,10 @@ class HostLinks:
         """Return the link from each team-mate, in roster order."""
         return {mate: self.between(mate, self.me) for mate in self.mates}
 
+    def learn(self, scenario: Scenario) -> None:
+        """Take a scenario in which more is going to happen."""
+        self._timeline = scenario.timeline()
+
     def change_ns(self, index: int) -> int:
         """Return when a link event of the timeline happens."""
         return from_s(self._timeline[index].at_s)

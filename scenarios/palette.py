@@ -42,6 +42,13 @@ def robot_colours(names: Iterable[str]) -> dict[str, str]:
     return {name: _ROBOTS[index % len(_ROBOTS)] for index, name in enumerate(sorted(names))}
 
 
+def run_colours(count: int) -> list[str]:
+    """Return a colour per run; with more than six they are spread over all hues."""
+    if count <= len(_ROBOTS):
+        return list(_ROBOTS[:count])
+    return [f"hsl({round(360 * index / count)} 60% 45%)" for index in range(count)]
+
+
 def kind_colour(kind: str) -> str:
     """Return the colour of a kind of frame."""
     return _KINDS.get(kind.upper(), _OTHER_KIND)

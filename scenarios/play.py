@@ -18,9 +18,13 @@ from scenarios.ending import Actor
 from scenarios.events import Event
 from scenarios.ledger import Ledger
 from scenarios.live import LiveView, Snapshot
-from scenarios.record import EventRow, Records, from_wire
+from scenarios.record import EventRow, Records, Row, from_wire, write_atomic
+from scenarios.schema import dump
 from scenarios.stage import Stage
 from scenarios.summary import RobotFinal
+from scenarios.view.desk import Desk
+from scenarios.view.hand import Deed, DeedError, event_of, instant_ns, plain_events, with_event
+from scenarios.view.reel import Reel
 from scenarios.wire import Grant, Plan, Report
 from sim.motion import Motions, Segment
 
@@ -49,6 +53,10 @@ class Play(ABC):
     """Whether each robot writes its own log."""
     ledger: Ledger | None = None
     """What the team's sensors measured, where it is kept."""
+    reel: Reel | None = None
+    """What a page is shown of the run, where that is kept."""
+    desk: Desk | None = None
+    """Where those who watch it ask for something, if anybody does."""
 
     def __init__(self, stage: Stage, out: Path, crew: Crew, view: LiveView) -> None:
         """Take the stage; nothing runs yet."""
@@ -113,9 +121,8 @@ class Play(ABC):
                 self.actors[name].down_since_s = 0.0
             if self.scenario.robots[name].join_s:
                 self.at(from_s(join_s), self._joiner(name), holds_end=True)
-        for index, event in enumerate(self.scenario.timeline()):
-            holds = event.kind in ("resume", "restart", "join", "link")
-            self.at(from_s(event.at_s), self._happening(index, event), holds_end=holds)
+        for event in self.scenario.timeline():
+            self._plan_event(event)
         self.at(from_s(CHECK_S / 2), self._check)
         return [name for name in self.roster if self.actors[name].state != "waiting"]
 
@@ -134,8 +141,16 @@ class Play(ABC):
     def _joiner(self, name: str) -> Callable[[], None]:
         return lambda: self.bring_up([name])
 
-    def _happening(self, index: int, event: Event) -> Callable[[], None]:
+    def _plan_event(self, event: Event) -> None:
+        holds = event.kind in ("resume", "restart", "join", "link")
+        self.at(from_s(event.at_s), self._happening(event), holds_end=holds)
+
+    def _happening(self, event: Event) -> Callable[[], None]:
         def act() -> None:
+            timeline = self.scenario.timeline()
+            index = next((i for i, planned in enumerate(timeline) if planned is event), None)
+            if index is None:
+                return  # what was done by hand has made it impossible
             name = event.target
             self.note(name, event.kind, event.detail)
             match event.kind:
@@ -163,9 +178,49 @@ class Play(ABC):
 
         return act
 
+    # --- what people do by hand -------------------------------------------------------------
+
+    def due_ns(self) -> int | None:
+        """Return when the next window begins; None on the wall clock."""
+        return None
+
+    def reached_ns(self) -> int:
+        """Return the instant up to which robots may have run."""
+        return self.now_ns
+
+    def by_hand(self, deed: Deed, robot: str) -> int:
+        """Do something to a robot as soon as can be, and put it into the run's `scenario.toml`.
+
+        Returns the instant at which it happens.
+
+        Raises:
+            DeedError: it can't happen now.
+
+        """
+        if robot not in self.scenario.robots or self.ending:
+            raise DeedError(f"{robot}: is not there any more")
+        at_ns = instant_ns(self.reached_ns(), [appointment.t_ns for appointment in self._agenda])
+        event = event_of(deed, robot, at_ns)
+        self.scenario = with_event(self.scenario, event)
+        self._tell_all(("events", plain_events(self.scenario)))
+        self._plan_event(event)
+        write_atomic(self.out / "scenario.toml", dump(self.scenario))
+        return at_ns
+
+    def attend(self) -> None:
+        """Attend to those who watch, between two windows."""
+        if self.desk is not None:
+            self.desk.attend(self, self.due_ns())
+
     def note(self, name: str, what: str, detail: str = "") -> None:
         """Put something that happened on record."""
-        self.records.add(EventRow(to_s(self.now_ns), name, what, detail))
+        self.add_row(EventRow(to_s(self.now_ns), name, what, detail))
+
+    def add_row(self, row: Row) -> None:
+        """Put a row on record."""
+        self.records.add(row)
+        if self.reel is not None:
+            self.reel.row(row)
 
     # --- what happens to robots --------------------------------------------------------------
 
@@ -200,6 +255,7 @@ class Play(ABC):
             trouble_events=tuple(self.trouble_events),
             keeps_log=self.keeps_logs,
             keeps_ledger=self.ledger is not None,
+            keeps_growth=self.reel is not None,
         )
 
     def _up_again(self, name: str) -> None:
@@ -208,6 +264,11 @@ class Play(ABC):
             self.records.add_downtime(name, actor.down_since_s, to_s(self.now_ns))
             actor.down_since_s = None
         actor.state = "alive"
+        self._tell_state(name)
+
+    def _tell_state(self, name: str) -> None:
+        if self.reel is not None:
+            self.reel.state(name, to_s(self.now_ns), self.actors[name].state)
 
     def _kill(self, name: str) -> None:
         if name in self._news:
@@ -223,6 +284,8 @@ class Play(ABC):
         del self._news[name]
         self._down(name, state)
         self.motions.freeze(name, self.now_ns)
+        if self.reel is not None:
+            self.reel.freeze(name, self.now_ns)
         self._tell_all(("freeze", name, self.now_ns))
 
     def _down(self, name: str, state: str) -> None:
@@ -230,6 +293,7 @@ class Play(ABC):
         actor = self.actors[name]
         actor.state = state
         actor.down_since_s = to_s(self.now_ns)
+        self._tell_state(name)
         last = actor.last_tx
         if last is not None and from_s(last.end_s) >= self.now_ns:
             self.records.add_cut(name, last.seq, to_s(self.now_ns))
@@ -266,6 +330,8 @@ class Play(ABC):
         self._take_rows(told)
         if self.ledger is not None:
             self.ledger.add(told.name, told.measured)
+        if self.reel is not None:
+            self.reel.take(told)
         actor = self.actors[told.name]
         if told.status:
             actor.status = told.status
@@ -290,7 +356,7 @@ class Play(ABC):
     def _take_rows(self, told: Report) -> None:
         for wire in told.rows:
             row = from_wire(wire)
-            self.records.add(row)
+            self.add_row(row)
             self.actors[told.name].learn(row)
         for number, t_s in told.cuts:
             self.records.add_cut(told.name, number, t_s)

@@ -241,6 +241,7 @@ class RealRun(Play):
         self.first_grant_s = time.perf_counter() + READY_S
         while not self.ending:
             self._listen()
+            self.attend()
             self.keep_appointments()
             self._tell()
             self.show()

@@ -28,6 +28,10 @@ from scenarios.report import report
 from scenarios.schema import Scenario, dump
 from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
+from scenarios.view.livepage import LivePage
+from scenarios.view.reel import Reel
+from scenarios.view.report import end_of, write_report
+from scenarios.view.rundir import read_run
 from scenarios.virtual import VirtualRun
 
 
@@ -55,8 +59,11 @@ def run(
     quiet: bool = False,
     overwrite: bool = False,
     picture: bool = True,
+    page: LivePage | None = None,
 ) -> RunResult:
-    """Run a scenario and write its records to `out`, a picture of it among them or not.
+    """Run a scenario and write its records to `out`, a picture and a report of it or none.
+
+    While it goes on it is shown on a `page`, if there is one; then there must be a picture too.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -77,12 +84,17 @@ def run(
     crew = _crew(scenario)
     is_virtual = scenario.clock.mode == "virtual"
     play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
-    with view, _ctrl_c(play.interrupt):
-        try:
-            play.play()
-        finally:
-            crew.close()
-    return _write_up(play, view, started_s + compile_s, compile_s, picture=picture)
+    if picture:
+        play.reel = Reel(stage)
+    with contextlib.closing(page or LivePage()):
+        with view, _ctrl_c(play.interrupt):
+            try:
+                if page is not None:
+                    page.begin(play, title)
+                play.play()
+            finally:
+                crew.close()
+        return _write_up(play, view, started_s + compile_s, compile_s, picture=picture, page=page)
 
 
 def _crew(scenario: Scenario) -> Crew:
@@ -111,7 +123,13 @@ def _ctrl_c(interrupt: Callable[[], None]) -> Generator[None]:
 
 
 def _write_up(
-    play: Play, view: LiveView, started_s: float, compile_s: float, *, picture: bool
+    play: Play,
+    view: LiveView,
+    started_s: float,
+    compile_s: float,
+    *,
+    picture: bool,
+    page: LivePage | None,
 ) -> RunResult:
     """Write all records of a run that has ended, and say what came out."""
     stage, out = play.stage, play.out
@@ -135,6 +153,8 @@ def _write_up(
                 goal_m=stage.goal_m,
             ),
         )
+    if play.reel is not None:
+        play.reel.write(out)
     costs = {name: ProcessCost(c.cpu_s, c.peak_memory_bytes) for name, c in play.crew.costs.items()}
     costs["runner"] = ProcessCost(cpu_s(), peak_bytes())
     host = HostCost(
@@ -145,6 +165,10 @@ def _write_up(
         processes=costs,
     )
     write_json(out / "host.json", {**host_facts(host), **play.final_facts_of_clock()})
+    if play.reel is not None:
+        write_report(out)
+    if page is not None:
+        page.end(play, end_of(read_run(out)))
     view.say(report(summary, play.records, out))
     for actor in play.actors.values():
         if actor.fault:

@@ -19,6 +19,7 @@ class VirtualRun(Play):
     def __init__(self, stage: Stage, out: Path, crew: Crew, view: LiveView) -> None:
         """Take the stage; nothing runs yet."""
         super().__init__(stage, out, crew, view)
+        self._window_end_ns = 0
         self.conductor = Conductor(lookahead_ns(stage.scenario), self.limit_ns)
 
     @property
@@ -26,12 +27,24 @@ class VirtualRun(Play):
         """The start of the window that is open, or the barrier at which all stand."""
         return self.conductor.now_ns
 
+    def due_ns(self) -> int | None:
+        """Return when the next window begins, or what is planned comes about."""
+        events_ns = self.conductor.next_due_ns()
+        planned_ns = self.next_appointment_ns()
+        return planned_ns if events_ns is None else min(events_ns, planned_ns)
+
+    def reached_ns(self) -> int:
+        """Return the end of the last window."""
+        return max(self.now_ns, self._window_end_ns)
+
     def play(self) -> None:
         """Run until the mission is over and the maps have settled, or to the limit."""
         self.bring_up(self.open_agenda())
         self.first_grant_s = time.perf_counter()
         while not self.ending:
-            self._step()
+            self.attend()
+            if not self.ending:
+                self._step()
         self._finish()
 
     def bring_up(self, names: list[str]) -> None:
@@ -81,6 +94,7 @@ class VirtualRun(Play):
         if window is None:
             self.keep_appointments()
             return
+        self._window_end_ns = window.end_ns
         for name in window.members:
             self._grant(name, window.end_ns)
         self._collect()

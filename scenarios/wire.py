@@ -48,6 +48,8 @@ class Plan:
     """Whether it writes its own log."""
     keeps_ledger: bool = False
     """Whether the world keeps a ledger of what its sensors measure (`scenarios.ledger`)."""
+    keeps_growth: bool = False
+    """Whether it tells how its map grows and what it plans (`scenarios.view`)."""
     endpoint: str = ""
     """Where the runner's Zenoh router listens; empty in the one-process form."""
     epoch_s: float | None = None
@@ -65,7 +67,8 @@ class Grant:
     segments: list[Any] = field(default_factory=list[Any])
     commands: list[Any] = field(default_factory=list[Any])
     """("link", index in the timeline), ("trouble", index in the timeline), ("freeze", robot, t_ns),
-    ("begin", epoch_s) on the real clock, or ("finish",)."""
+    ("events", what happens by now, with what was done by hand), ("begin", epoch_s) on the real
+    clock, or ("finish",)."""
 
     def to_wire(self) -> bytes:
         """Return the grant as MessagePack bytes."""
@@ -93,6 +96,11 @@ class Report:
     """(packet number, t_s) of frames that were cut short."""
     measured: list[Any] = field(default_factory=list[Any])
     """Entries of the ledger, where one is kept."""
+    growth: list[Any] = field(default_factory=list[Any])
+    """Where a playback is kept: (t_ns, mapped cells that can be seen, whether this is the life's
+    first, what changed of the team map; see `scenarios.view.growth`)."""
+    plans: list[Any] = field(default_factory=list[Any])
+    """The same: (t_ns, what the robot is up to; see `scenarios.view.witness`)."""
     status: Pack = field(default_factory=dict[str, Any])
     """The newest sample of the robot's state, when there is a new one."""
     fault: str = ""

@@ -10,6 +10,7 @@ from scenarios.errors import ScenarioError, UsageError
 if TYPE_CHECKING:
     from scenarios.overrides import Override
     from scenarios.schema import Scenario
+    from scenarios.view.livepage import LivePage
 
 EXAMPLES = """\
 examples:
@@ -18,12 +19,14 @@ examples:
   ropeteam run cliff --seed 2 --out runs/two  other ground, other noise
   ropeteam run cliff --set links.profile=sojourner --set sharing.policy=latest-first
   ropeteam run cliff --set world.terrain.file=ground.npz
+  ropeteam run cliff --view                   watch it in the browser, and meddle
   ropeteam run pair --clock real --speed 20   on the wall clock, twenty times as fast
   ropeteam run runs/cliff-1/scenario.toml     once more, exactly
   ropeteam check mine.toml                    is my scenario file right?
 """
 _RUN_HELP = """\
-Runs a scenario and leaves in DIR: overview.png (a picture of it), summary.json (what came out),
+Runs a scenario and leaves in DIR: overview.png (a picture of it), report.html (a page that plays
+it back), summary.json (what came out),
 looks.csv, frames.csv, maps.csv, events.csv (what happened), one log per robot, host.json (what it
 cost this computer) and scenario.toml (the complete scenario: it can be run again).
 """
@@ -61,6 +64,11 @@ def add(commands: Commands) -> None:
         help="change any key of the scenario, e.g. links.rate_bps=5000; may be repeated",
     )
     run.add_argument("--quiet", action="store_true", help="say nothing but errors")
+    view = run.add_argument_group("live view")
+    view.add_argument("--view", action="store_true", help="show the run in the browser")
+    view.add_argument("--no-browser", action="store_true", help="only say where the page is")
+    view.add_argument("--paused", action="store_true", help="wait for the page to let it go on")
+    view.add_argument("--port", type=whole, metavar="N", help="of the page (any free one)")
     run.set_defaults(run=_run)
 
 
@@ -70,11 +78,26 @@ def _run(args: argparse.Namespace) -> int:
     from scenarios.runner import run
     from sim.errors import WorldError
 
+    page = _page(args)
     try:
-        run(scenario, out, quiet=args.quiet, overwrite=args.overwrite)
+        run(scenario, out, quiet=args.quiet, overwrite=args.overwrite, page=page)
     except WorldError as error:
         raise ScenarioError([f"{args.scenario}: {error}"]) from error
     return OK
+
+
+def _page(args: argparse.Namespace) -> "LivePage | None":
+    given = {"--no-browser": args.no_browser, "--paused": args.paused, "--port": args.port}
+    if not args.view:
+        for option, value in given.items():
+            if value not in (None, False):
+                raise UsageError(f"{option}: is for the live view; add --view")
+        return None
+    if args.port is not None and args.port > 65535:
+        raise UsageError(f"--port {args.port}: must be from 0 to 65535")
+    from scenarios.view.livepage import LivePage
+
+    return LivePage(port=args.port or 0, opens=not args.no_browser, paused=args.paused)
 
 
 def _load(args: argparse.Namespace) -> "Scenario":

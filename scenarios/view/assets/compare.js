@@ -1,0 +1,106 @@
+// Runs side by side: curves laid over each other, and a table of all figures.
+
+import { Chart, together } from "ropeteam/charts";
+import { readTheme } from "ropeteam/controls";
+import { embedded } from "ropeteam/data";
+import { dot, make } from "ropeteam/tables";
+
+const root = document.getElementById("page");
+let theme = null;
+const charts = [];
+
+const number = (value) => typeof value === "number";
+
+function valueText(value) {
+  if (value === null) return "–";
+  if (typeof value === "boolean") return value ? "yes" : "no";
+  if (!number(value)) return value;
+  if (Number.isInteger(value)) return value.toLocaleString("en");
+  return Math.abs(value) < 10000 ? String(Number(value.toPrecision(4))) : Math.round(value).toLocaleString("en");
+}
+
+function difference(first, value) {
+  if (!number(first) || !number(value) || first === value) return null;
+  const change = value - first;
+  if (first !== 0 && Math.abs(change / first) < 0.0005) return null;
+  if (first === 0 || Math.abs(change / first) > 10) return `${change > 0 ? "+" : ""}${Number(change.toPrecision(3))}`;
+  return `${change > 0 ? "+" : "−"}${Math.abs((100 * change) / first).toFixed(1)} %`;
+}
+
+function cell(first, value, isFirst) {
+  const change = isFirst ? null : difference(first, value);
+  return make("td", { class: "number" }, valueText(value), change ? make("span", { class: "change" }, change) : null);
+}
+
+function tableOf({ keys, runs }) {
+  const rows = keys.map(([key, isMain], i) => {
+    const values = runs.map((run) => run.values[i]);
+    const same = values.every((value) => JSON.stringify(value) === JSON.stringify(values[0]));
+    const row = make("tr", { class: same ? "same" : "differs" }, make("th", { scope: "row" }, key), ...values.map((v, n) => cell(values[0], v, n === 0)));
+    row.dataset.main = isMain;
+    return row;
+  });
+  const all = make("input", { type: "checkbox", on: { change: () => show() } });
+  const show = () => {
+    for (const row of rows) row.hidden = !all.checked && row.dataset.main === "false" && row.className === "same";
+  };
+  show();
+  const head = make("tr", {}, make("th", { scope: "col" }, ""), ...runs.map((run) => make("th", { scope: "col", class: "number" }, dot(run.colour), run.label)));
+  return make(
+    "section",
+    { class: "card" },
+    make("h2", {}, "Figures"),
+    make("p", { class: "small" }, "Differences are against the first run. ", make("label", {}, all, " also what is equal in all runs")),
+    make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Figures" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows))),
+  );
+}
+
+function chart(place, runs, title, curvesOf, texts) {
+  const curves = runs.map((run) => ({ label: run.label, colour: run.colour }));
+  const drawn = new Chart(place, { title, curves, look: () => theme, ...texts });
+  drawn.now = null;
+  const points = runs.map(curvesOf);
+  const end = Math.max(1e-9, ...points.flat().map((point) => point[0]), ...(texts.xText ? [] : runs.map((run) => run.end_s)));
+  drawn.show(together(points, texts.xText ? null : end));
+  charts.push(drawn);
+}
+
+// The coverage that was there by the time so many kilobytes had been sent.
+function coverageBySent(run) {
+  let at = 0;
+  const points = [];
+  for (const [t, sent] of run.sent) {
+    while (at < run.coverage.length && run.coverage[at][0] <= t) at += 1;
+    if (at > 0) points.push([sent, run.coverage[at - 1][1]]);
+  }
+  return points;
+}
+
+try {
+  const data = await embedded(document.getElementById("data"));
+  theme = readTheme();
+  const places = make("section", { class: "charts", "aria-label": "Curves" });
+  root.append(
+    make("header", { class: "top" }, make("div", {}, make("h1", {}, "Runs side by side"), make("ul", { class: "runs" }, ...data.runs.map((run) =>
+      make("li", {}, dot(run.colour), make("strong", {}, run.label), ` ${run.reason}`))))),
+    places,
+    make("div", { class: "tables" }, tableOf(data)),
+  );
+  const percent = { tick: (v) => String(v), text: (v) => `${v.toFixed(1)} %` };
+  const kilobytes = { tick: (v) => String(v), text: (v) => `${v.toFixed(1)} kB` };
+  chart(places, data.runs, "The best map, % of the cells that can be seen", (run) => run.coverage, { unit: percent });
+  chart(places, data.runs, "Sent by the team, kB", (run) => run.sent, { unit: kilobytes });
+  chart(places, data.runs, "The best map (%) by what the team had sent (kB)", coverageBySent, {
+    unit: percent,
+    xLabel: "sent",
+    xText: (kB) => `${kB.toLocaleString("en")} kB`,
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    theme = readTheme();
+    for (const drawn of charts) drawn.restyle();
+  });
+  document.documentElement.dataset.ready = "yes";
+} catch (error) {
+  root.textContent = `This page can't be shown: ${error.message}. A browser of 2024 or later is needed.`;
+  throw error;
+}

@@ -1,0 +1,434 @@
+// The page of one run: panels, time, curves, lists. A report plays it back; live feeds it on.
+
+import { Chart, bytesCurve, coverageCurve, thinned, together } from "ropeteam/charts";
+import { clock, bytesText, upTo } from "ropeteam/model";
+import { KIND_COLOURS, RobotMap, World } from "ropeteam/scene";
+import { scaleGradient } from "ropeteam/shade";
+import { bytesTable, dot, eventText, factTable, linkTable, make, robotTable, some } from "ropeteam/tables";
+
+const SPEEDS = [1, 5, 10, 30, 60, 120, 300, 600];
+const WHOLE_IN_S = 60; // a run is played back in about so many seconds, unless asked otherwise
+const LIT_S = 0.25; // a frame stays lit for so long on the screen
+const QUIET = new Set(["activity"]);
+const MOST_EVENTS = 400;
+
+export class Page {
+  constructor(root, run, live = null) {
+    this.run = run;
+    this.live = live;
+    this.t = 0;
+    this.playing = false;
+    this.follows = live !== null;
+    this.speed = 60;
+    this.root = root;
+    this.curvesAt = -1;
+    this.listed = -1;
+    this.build();
+    this.theme = readTheme();
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());
+    document.addEventListener("keydown", (event) => this.key(event));
+    new ResizeObserver(() => this.draw()).observe(root);
+  }
+
+  // --- what is on the page ---------------------------------------------------------------
+
+  build() {
+    const { head } = this.run;
+    this.status = make("p", { class: "status", "aria-live": "polite" });
+    this.numbers = make("div", { class: "numbers" });
+    this.worldCanvas = make("canvas", { class: "world", role: "img", "aria-label": "The world from above" });
+    this.worldCanvas.style.aspectRatio = `${head.frame.cols} / ${head.frame.rows}`;
+    this.world = new World(this.worldCanvas, this.run);
+    this.maps = this.run.robots.map((robot) => this.mapPanel(robot));
+    this.charts = make("section", { class: "charts", "aria-label": "Curves" });
+    this.eventList = make("ol", { class: "events", tabindex: "0", "aria-label": "Events" });
+    this.tables = make("section", { class: "tables" });
+    this.root.append(
+      make(
+        "header",
+        { class: "top" },
+        make("div", {}, make("h1", {}, head.title), this.status),
+        make("button", { class: "quiet", title: "Light or dark", on: { click: () => this.flip() } }, "Light / dark"),
+      ),
+      this.live ? this.live.bar() : "",
+      this.numbers,
+      make(
+        "main",
+        { class: "panels" },
+        make("section", { class: "card stage", "aria-label": "World" }, this.choices(), this.worldCanvas, this.legend()),
+        make(
+          "div",
+          { class: "right" },
+          make("section", { class: "maps", "aria-label": "Each robot's team map" }, ...this.maps.map((m) => m.card)),
+          make("section", { class: "card side" }, make("h2", {}, "Events"), this.eventList),
+        ),
+      ),
+      this.timeBar(),
+      this.charts,
+      this.tables,
+    );
+    this.bytesChart = this.chart("Sent so far, kB", { tick: (v) => String(v), text: (v) => `${v.toFixed(1)} kB` });
+    this.coverageChart = this.chart("Mapped, % of the cells that can be seen", {
+      tick: (v) => String(v),
+      text: (v) => `${v.toFixed(1)} %`,
+    });
+  }
+
+  chart(title, unit) {
+    const curves = this.run.robots.map((robot) => ({ label: robot.name, colour: robot.colour }));
+    return new Chart(this.charts, { title, unit, curves, look: () => this.theme, onPick: (t) => this.seek(t) });
+  }
+
+  mapPanel(robot) {
+    const canvas = make("canvas", { role: "img", "aria-label": `Map of ${robot.name}` });
+    canvas.style.aspectRatio = `${this.run.head.frame.cols} / ${this.run.head.frame.rows}`;
+    const facts = make("p", { class: "small" });
+    const buttons = make("div", { class: "acts" });
+    const card = make(
+      "article",
+      { class: "card map" },
+      make("h3", {}, dot(robot.colour), robot.name, make("span", { class: "role" }, robot.role)),
+      canvas,
+      facts,
+      buttons,
+    );
+    return { card, facts, buttons, robot, panel: new RobotMap(canvas, this.run, robot, this.world.range) };
+  }
+
+  choices() {
+    const choices = [["truth", "truth only"], ["team", "all maps"], ...this.run.robots.map((r) => [r.index, r.name])];
+    const name = "shown";
+    const pick = (value) => {
+      this.world.choice = value;
+      this.draw();
+    };
+    return make(
+      "fieldset",
+      { class: "choices" },
+      make("legend", {}, "Over the dimmed truth"),
+      ...choices.map(([value, words]) =>
+        make(
+          "label",
+          {},
+          make("input", { type: "radio", name, checked: value === "team", on: { change: () => pick(value) } }),
+          make("span", {}, words),
+        ),
+      ),
+    );
+  }
+
+  legend() {
+    const { head } = this.run;
+    const items = [];
+    if (this.run.isPlanar) {
+      items.push(make("span", {}, make("i", { class: "swatch", style: "background:#f6ecd8" }), "free"));
+      items.push(make("span", {}, make("i", { class: "swatch", style: "background:#7a3d34" }), "solid"));
+    } else {
+      const [low, high] = this.world.range.map((level) => head.scale.low + (level - 1) * head.scale.step);
+      const bar = make("i", { class: "bar", style: `background:${scaleGradient()}` });
+      items.push(make("span", {}, `${low.toFixed(1)} m`, bar, `${high.toFixed(1)} m elevation`));
+    }
+    items.push(make("span", {}, make("i", { class: "swatch pale" }), "paler: told by team-mates, not seen itself"));
+    const kinds = make("span", { class: "kinds" }, "on the air:");
+    for (const [kind, colour] of Object.entries(KIND_COLOURS)) {
+      kinds.append(make("span", {}, make("i", { class: "line", style: `background:${colour}` }), kind));
+    }
+    items.push(kinds);
+    items.push(make("span", {}, "dashed: planned way and look"));
+    return make("div", { class: "legend" }, ...items);
+  }
+
+  timeBar() {
+    const button = (words, title, act, more = {}) => make("button", { title, "aria-label": title, on: { click: act }, ...more }, words);
+    this.playButton = button("Play", "Play (space)", () => this.toggle(), { class: "play" });
+    this.isLive = this.live !== null;
+    if (this.live) this.playButton.hidden = true;
+    this.slider = make("input", {
+      type: "range",
+      min: 0,
+      max: 1,
+      step: 0.1,
+      value: 0,
+      "aria-label": "Simulated time",
+      on: { input: () => this.seek(Number(this.slider.value)) },
+    });
+    this.clockText = make("output", { class: "clock" }, "0:00:00");
+    this.speedSelect = make(
+      "select",
+      { "aria-label": "Speed of play-back", on: { change: () => this.setSpeed(Number(this.speedSelect.value)) } },
+      ...SPEEDS.map((speed) => make("option", { value: speed }, `${speed} ×`)),
+    );
+    this.speedLabel = make("label", { class: "speed", hidden: this.live !== null }, "plays at ", this.speedSelect);
+    this.liveButton = this.live
+      ? button("to now", "Follow the run as it goes on", () => this.follow(), { class: "quiet" })
+      : null;
+    this.marks = make("div", { class: "marks", "aria-hidden": "true" });
+    return make(
+      "nav",
+      { class: "time", "aria-label": "Time" },
+      button("start", "To the start (Home)", () => this.seek(0)),
+      button("−5 s", "Back by 5 simulated seconds (←; with shift a minute)", () => this.seek(this.t - 5)),
+      this.playButton,
+      button("+5 s", "On by 5 simulated seconds (→; with shift a minute)", () => this.seek(this.t + 5)),
+      make("div", { class: "track" }, this.slider, this.marks),
+      this.clockText,
+      this.speedLabel,
+      this.liveButton,
+    );
+  }
+
+  // --- time --------------------------------------------------------------------------------
+
+  get end_s() {
+    return this.run.last_s;
+  }
+
+  setSpeed(speed) {
+    this.speed = speed;
+    this.speedSelect.value = String(speed);
+  }
+
+  pickSpeed() {
+    this.setSpeed(SPEEDS.findLast((speed) => this.end_s / speed >= WHOLE_IN_S) ?? SPEEDS[0]);
+  }
+
+  // From now on the page plays back what it was told: the run has ended.
+  release() {
+    this.isLive = false;
+    this.playButton.hidden = this.speedLabel.hidden = false;
+    this.liveButton.hidden = true;
+    this.listed = -1;
+    this.pickSpeed();
+  }
+
+  toggle() {
+    this.playing = !this.playing;
+    if (this.playing && this.t >= this.end_s) this.t = 0;
+    this.follows = false;
+    this.last = null;
+    this.showPlaying();
+    if (this.playing) requestAnimationFrame((now) => this.tick(now));
+  }
+
+  showPlaying() {
+    this.playButton.textContent = this.playing ? "Pause" : "Play";
+    this.playButton.title = this.playing ? "Pause (space)" : "Play (space)";
+    this.playButton.setAttribute("aria-label", this.playButton.title);
+    if (this.liveButton) this.liveButton.setAttribute("aria-pressed", String(this.follows));
+  }
+
+  tick(now) {
+    if (!this.playing) return;
+    if (this.last !== null) this.t = Math.min(this.t + ((now - this.last) / 1000) * this.speed, this.end_s);
+    this.last = now;
+    if (this.t >= this.end_s) {
+      this.playing = false;
+      this.showPlaying();
+    }
+    this.draw();
+    if (this.playing) requestAnimationFrame((later) => this.tick(later));
+  }
+
+  seek(t) {
+    this.t = Math.min(Math.max(t, 0), this.end_s);
+    this.follows = false;
+    this.showPlaying();
+    this.draw();
+  }
+
+  follow() {
+    this.follows = true;
+    this.playing = false;
+    this.t = this.end_s;
+    this.showPlaying();
+    this.draw();
+  }
+
+  key(event) {
+    if (event.target.matches?.("input[type=radio], select, input[type=number]")) return;
+    const far = event.shiftKey ? 60 : 5;
+    const acts = {
+      " ": () => (this.isLive ? this.live.toggle() : this.toggle()),
+      ArrowLeft: () => this.seek(this.t - far),
+      ArrowRight: () => this.seek(this.t + far),
+      Home: () => this.seek(0),
+      End: () => (this.isLive ? this.follow() : this.seek(this.end_s)),
+    };
+    if (event.key === " " && event.target.matches?.("button")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || !(event.key in acts)) return;
+    if (event.key !== " " && event.target.matches?.(".events, .scroll")) return;
+    event.preventDefault();
+    acts[event.key]();
+  }
+
+  // --- showing -----------------------------------------------------------------------------
+
+  // Shows rows that were taken in: to be called after `run.take` and `run.advance`.
+  refresh() {
+    if (this.follows) this.t = this.end_s;
+    this.slider.max = String(Math.max(this.end_s, 1));
+    this.draw();
+  }
+
+  draw() {
+    if (!this.theme) return;
+    for (const robot of this.run.robots) robot.map.to(this.t);
+    this.slider.value = String(this.t);
+    this.slider.setAttribute("aria-valuetext", clock(this.t));
+    this.clockText.textContent = `${clock(this.t)} / ${clock(this.end_s)}`;
+    this.world.draw(this.t, LIT_S * (this.playing || this.follows ? this.speed : 1), this.theme, this.playing);
+    for (const { panel, facts, robot } of this.maps) {
+      panel.draw(this.t, this.theme, this.playing);
+      facts.textContent = this.mapFacts(robot);
+    }
+    this.bytesChart.at(this.t);
+    this.coverageChart.at(this.t);
+    this.showNumbers();
+    this.showEvents();
+  }
+
+  mapFacts(robot) {
+    const state = robot.stateAt(this.t);
+    if (state === "waiting") return `joins at ${clock(robot.joins_s)}`;
+    const sample = robot.samples[upTo(robot.samples, this.t, (s) => s[0]) - 1];
+    const observable = this.run.head.observable_cells;
+    const share = observable > 0 ? (100 * robot.map.mapped) / observable : 0;
+    const facts = [robot.map.mapped === 0 ? "knows nothing yet" : `${share.toFixed(0)} % mapped`];
+    if (sample?.[4] !== null && sample?.[4] !== undefined) facts.push(`${(100 * sample[4]).toFixed(1)} cm rms`);
+    if (state !== "alive") facts.push(state);
+    return facts.join(", ");
+  }
+
+  showNumbers() {
+    const sent = this.run.robots.reduce((sum, robot) => sum + robot.bytesTo(this.t), 0);
+    const looks = this.run.robots.reduce((sum, robot) => sum + robot.looksTo(this.t), 0);
+    const most = Math.max(0, ...this.run.robots.map((robot) => robot.map.mapped));
+    const observable = this.run.head.observable_cells;
+    const alive = this.run.robots.filter((robot) => robot.stateAt(this.t) === "alive").length;
+    const facts = [
+      ["best map", observable > 0 ? `${((100 * most) / observable).toFixed(1)} %` : "–"],
+      ["sent", bytesText(sent)],
+      ["looks", String(looks)],
+      ["robots running", `${alive} of ${this.run.robots.length}`],
+    ];
+    if (this.numbers.childElementCount === 0) {
+      this.numberCells = facts.map(([key]) => {
+        const value = make("strong", {});
+        this.numbers.append(make("div", {}, value, make("span", {}, key)));
+        return value;
+      });
+    }
+    facts.forEach(([, value], i) => {
+      this.numberCells[i].textContent = value;
+    });
+  }
+
+  showCurves() {
+    const { robots, head } = this.run;
+    const end = Math.max(this.end_s, 1);
+    const bytes = robots.map((robot) => thinned(bytesCurve(robot), end).map(([t, sum]) => [t, sum / 1000]));
+    const coverage = robots.map((robot) => thinned(coverageCurve(robot, head.observable_cells), end));
+    this.bytesChart.show(together(bytes, end));
+    this.coverageChart.show(together(coverage, end));
+  }
+
+  showEvents() {
+    const told = this.run.events.filter((row) => !QUIET.has(row[2]));
+    if (told.length !== this.listed) {
+      this.listed = told.length;
+      this.eventItems = told.slice(-MOST_EVENTS).map((row) => this.eventItem(row));
+      const empty = make("li", { class: "empty" }, "Nothing has happened yet.");
+      this.eventList.replaceChildren(...(this.eventItems.length > 0 ? this.eventItems.map((e) => e.item) : [empty]));
+      if (this.follows) this.eventList.scrollTop = this.eventList.scrollHeight;
+      this.marks.replaceChildren(...(this.isLive ? [] : told.map((row) => this.mark(row))));
+    }
+    for (const { item, t } of this.eventItems ?? []) item.classList.toggle("later", t > this.t + 1e-6);
+  }
+
+  eventItem(row) {
+    const { t, what, detail, name, colour, time } = eventText(this.run, row);
+    const item = make(
+      "li",
+      {},
+      make("button", { class: "jump", title: `Go to ${time}`, on: { click: () => this.seek(t) } }, time),
+      make("span", {}, colour ? dot(colour) : null, `${name}: ${what}`, detail ? make("em", {}, ` ${detail}`) : null),
+    );
+    return { item, t };
+  }
+
+  mark(row) {
+    const { t, colour } = eventText(this.run, row);
+    return make("i", { style: `left:${(100 * t) / Math.max(this.end_s, 1)}%;background:${colour ?? "gray"}` });
+  }
+
+  showEnd(end) {
+    this.run.end = end;
+    const { summary } = end;
+    const team = summary.team;
+    const words = `${summary.outcome}: ${summary.outcome_reason}`;
+    this.status.textContent = words[0].toUpperCase() + words.slice(1);
+    const facts = [
+      ["simulated", clock(summary.simulated_s)],
+      ["seed", String(summary.seed)],
+      ["mapped", `${(100 * team.coverage).toFixed(1)} % of ${team.observable_cells.toLocaleString("en")} cells that can be seen`],
+      ["elevation error", some(team.elevation_rmse_m, (m) => `${m.toFixed(3)} m rms`)],
+      ["maps", team.maps_equal ? "all equal" : "they differ"],
+      ...Object.entries(summary.mission).map(missionFact),
+    ];
+    const card = (title, ...more) => make("section", { class: "card" }, make("h2", {}, title), ...more);
+    this.tables.replaceChildren(
+      card("What came out", factTable(facts)),
+      card("Robots", robotTable(this.run, summary)),
+      card("Bytes", make("p", { class: "small" }, "Charged bytes, the modem's overhead included."), bytesTable(this.run)),
+      card("Links", make("p", { class: "small" }, "Frames heard, from the robot of the row to that of the column."), linkTable(this.run)),
+      make("details", { class: "card" }, make("summary", {}, "The scenario, complete"), make("pre", { tabindex: "0" }, end.scenario)),
+      make("details", { class: "card" }, make("summary", {}, "Versions"), factTable(Object.entries(end.versions))),
+    );
+  }
+
+  // --- light and dark ------------------------------------------------------------------------
+
+  flip() {
+    const isDark = this.forced ? this.forced === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+    this.forced = isDark ? "light" : "dark";
+    document.documentElement.style.colorScheme = this.forced;
+    this.restyle();
+  }
+
+  restyle() {
+    this.theme = readTheme();
+    this.bytesChart.restyle();
+    this.coverageChart.restyle();
+    this.draw();
+  }
+}
+
+// What a mission's figure says, e.g. ["cliffbot reached", "yes"].
+function missionFact([key, value]) {
+  if (typeof value === "boolean") return [key.replaceAll("_", " "), value ? "yes" : "no"];
+  if (key.endsWith("_at_s")) return [key.slice(0, -5).replaceAll("_", " "), some(value, (t) => `at ${clock(t)}`)];
+  return [key.replaceAll("_", " "), some(value, String)];
+}
+
+// The page's colours as a canvas wants them.
+export function readTheme() {
+  const probe = make("span", { hidden: true });
+  document.body.append(probe);
+  const colour = (name) => {
+    probe.style.color = `var(--${name})`;
+    return getComputedStyle(probe).color;
+  };
+  const rgb = (name) => colour(name).match(/\d+/g).slice(0, 3).map(Number);
+  const theme = {
+    ink: colour("ink"),
+    muted: colour("muted"),
+    line: colour("line"),
+    panel: colour("panel"),
+    bad: colour("bad"),
+    rock: rgb("rock"),
+    floor: [rgb("floor-free"), rgb("floor-solid")],
+    font: `500 12px ${getComputedStyle(document.body).fontFamily}`,
+  };
+  probe.remove();
+  return theme;
+}
