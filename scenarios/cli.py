@@ -20,11 +20,12 @@ from scenarios.commands import (
     shelf,
     stereo,
     sweep,
+    view,
 )
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, view)
 
 
 class _Version(argparse.Action):

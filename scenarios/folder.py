@@ -23,8 +23,8 @@ RUN_FILES = (
     "trials.parquet",
 )
 RUN_PATTERNS = ("*.mcap", "*.log", ".*.part")
-RUN_FOLDERS = ("robots", "trials")
-"""What robots keep to outlive a crash, one folder each; what the trials of a sweep left."""
+RUN_FOLDERS = ("robots", "trials", "export")
+"""What robots keep to outlive a crash, one folder each; what the trials of a sweep left; exports."""
 
 
 def choose(name: str, seed: int) -> Path:

@@ -24,6 +24,7 @@ from scenarios.processes import ZenohCrew, peak_bytes, start_fork_server
 from scenarios.realtime import RealMemoryCrew, RealRun
 from scenarios.record import write_atomic
 from scenarios.report import report
+from scenarios.ros2.bag import BagError, write_bag
 from scenarios.schema import Scenario, dump
 from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
@@ -54,8 +55,9 @@ def run(
     quiet: bool = False,
     overwrite: bool = False,
     picture: bool = True,
+    merge: bool = True,
 ) -> RunResult:
-    """Run a scenario and write its records to `out`, a picture of it among them or not.
+    """Run a scenario and write its records to `out`, with a picture and a `run.mcap` or without.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -81,7 +83,18 @@ def run(
             play.play()
         finally:
             crew.close()
-    return _write_up(play, view, started_s + compile_s, compile_s, picture=picture)
+    result = _write_up(play, view, started_s + compile_s, compile_s, picture=picture)
+    if merge:
+        _merge(out, view)
+    return result
+
+
+def _merge(out: Path, view: LiveView) -> None:
+    """Write `run.mcap`; a run is no worse for not having one."""
+    try:
+        write_bag(out)
+    except BagError as error:
+        view.say(f"no run.mcap: {error}")
 
 
 def _crew(scenario: Scenario) -> Crew:

@@ -24,8 +24,8 @@ examples:
 """
 _RUN_HELP = """\
 Runs a scenario and leaves in DIR: overview.png (a picture of it), summary.json (what came out),
-looks.csv, frames.csv, maps.csv, events.csv (what happened), one log per robot, host.json (what it
-cost this computer) and scenario.toml (the complete scenario: it can be run again).
+looks.csv, frames.csv, maps.csv, events.csv (what happened), run.mcap (maps, poses and links for ROS 2
+viewers), one log per robot, host.json (what it cost this computer) and scenario.toml (the complete scenario: it can be run again).
 """
 EXITS = """\
 exit codes: 0 ended in order, whatever the outcome; 1 a fault of the program; 2 bad input (nothing
@@ -60,6 +60,9 @@ def add(commands: Commands) -> None:
         dest="sets",
         help="change any key of the scenario, e.g. links.rate_bps=5000; may be repeated",
     )
+    run.add_argument(
+        "--no-merge", action="store_true", help="write no run.mcap (each robot's own log stays)"
+    )
     run.add_argument("--quiet", action="store_true", help="say nothing but errors")
     run.set_defaults(run=_run)
 
@@ -71,7 +74,7 @@ def _run(args: argparse.Namespace) -> int:
     from sim.errors import WorldError
 
     try:
-        run(scenario, out, quiet=args.quiet, overwrite=args.overwrite)
+        run(scenario, out, quiet=args.quiet, overwrite=args.overwrite, merge=not args.no_merge)
     except WorldError as error:
         raise ScenarioError([f"{args.scenario}: {error}"]) from error
     return OK
