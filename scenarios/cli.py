@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from scenarios.commands import (
     chaos,
     experiment,
+    export,
     link,
     map,
     plot,
@@ -25,7 +26,7 @@ from scenarios.commands import (
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, view)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, view, export)
 
 
 class _Version(argparse.Action):

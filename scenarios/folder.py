@@ -24,7 +24,7 @@ RUN_FILES = (
 )
 RUN_PATTERNS = ("*.mcap", "*.log", ".*.part")
 RUN_FOLDERS = ("robots", "trials", "export")
-"""What robots keep to outlive a crash, one folder each; what the trials of a sweep left; exports."""
+"""What robots keep to outlive a crash, one folder each; trials of a sweep; what was exported."""
 
 
 def choose(name: str, seed: int) -> Path:

@@ -21,6 +21,7 @@ from scenarios.linkwindows import windows_of
 from scenarios.ros2 import messages
 from scenarios.ros2.cdr import encode
 from scenarios.ros2.types import schema_text
+from scenarios.schema import load
 
 NAME = "run.mcap"
 GRIDS, CLOUDS = 40, 8
@@ -125,8 +126,6 @@ def logs_of(run: Path) -> dict[str, list[Path]]:
         BagError: this is no run.
 
     """
-    from scenarios.schema import load
-
     if not (run / "scenario.toml").is_file():
         raise BagError(f"{run}: is no run: there is no scenario.toml in it")
     found: dict[str, list[Path]] = {}
