@@ -17,6 +17,7 @@ from scenarios.commands import (
     map,
     plot,
     replay,
+    ros2,
     run,
     shelf,
     stereo,
@@ -26,7 +27,8 @@ from scenarios.commands import (
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, view, export)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo)
+COMMANDS += (view, export, ros2)
 
 
 class _Version(argparse.Action):

@@ -106,7 +106,7 @@ def _georeference(path: Path) -> tuple[tuple[float, float] | None, str | None]:
 
 
 def place_of(path: Path) -> tuple[tuple[float, float] | None, str | None]:
-    """Return the south-west corner and the CRS of an .npz or a GeoTIFF, None where it tells none."""
+    """Return the south-west corner and the CRS of an .npz or a GeoTIFF, None if it tells none."""
     try:
         if path.suffix.lower() in (".tif", ".tiff"):
             return _georeference(path)

@@ -30,6 +30,9 @@ from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
 from scenarios.virtual import VirtualRun
 
+Beside = Callable[[Path], contextlib.AbstractContextManager[None]]
+"""Something that goes on beside a run and only reads what its robots write."""
+
 
 @dataclass(frozen=True)
 class RunResult:
@@ -56,8 +59,11 @@ def run(
     overwrite: bool = False,
     picture: bool = True,
     merge: bool = True,
+    beside: Beside | None = None,
 ) -> RunResult:
     """Run a scenario and write its records to `out`, with a picture and a `run.mcap` or without.
+
+    `beside` is entered with the run's folder before the robots start, and left when they ended.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -78,7 +84,8 @@ def run(
     crew = _crew(scenario)
     is_virtual = scenario.clock.mode == "virtual"
     play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
-    with view, _ctrl_c(play.interrupt):
+    company = contextlib.nullcontext() if beside is None else beside(out)
+    with company, view, _ctrl_c(play.interrupt):
         try:
             play.play()
         finally:

@@ -9,6 +9,7 @@ from scenarios.errors import ScenarioError, UsageError
 
 if TYPE_CHECKING:
     from scenarios.overrides import Override
+    from scenarios.runner import Beside
     from scenarios.schema import Scenario
 
 EXAMPLES = """\
@@ -24,8 +25,9 @@ examples:
 """
 _RUN_HELP = """\
 Runs a scenario and leaves in DIR: overview.png (a picture of it), summary.json (what came out),
-looks.csv, frames.csv, maps.csv, events.csv (what happened), run.mcap (maps, poses and links for ROS 2
-viewers), one log per robot, host.json (what it cost this computer) and scenario.toml (the complete scenario: it can be run again).
+looks.csv, frames.csv, maps.csv, events.csv (what happened), run.mcap (maps, poses and links for ROS
+viewers), one log per robot, host.json (what it cost this computer) and scenario.toml (the complete
+scenario: it can be run again).
 """
 EXITS = """\
 exit codes: 0 ended in order, whatever the outcome; 1 a fault of the program; 2 bad input (nothing
@@ -63,6 +65,9 @@ def add(commands: Commands) -> None:
     run.add_argument(
         "--no-merge", action="store_true", help="write no run.mcap (each robot's own log stays)"
     )
+    run.add_argument(
+        "--ros2", action="store_true", help="publish its maps live into ROS 2 (see ropeteam ros2)"
+    )
     run.add_argument("--quiet", action="store_true", help="say nothing but errors")
     run.set_defaults(run=_run)
 
@@ -73,11 +78,25 @@ def _run(args: argparse.Namespace) -> int:
     from scenarios.runner import run
     from sim.errors import WorldError
 
+    beside = _in_ros2() if args.ros2 else None
+    how = {"quiet": args.quiet, "overwrite": args.overwrite, "merge": not args.no_merge}
     try:
-        run(scenario, out, quiet=args.quiet, overwrite=args.overwrite, merge=not args.no_merge)
+        run(scenario, out, **how, beside=beside)
     except WorldError as error:
         raise ScenarioError([f"{args.scenario}: {error}"]) from error
     return OK
+
+
+def _in_ros2() -> "Beside":
+    """Return what publishes a run into ROS 2; refuse where no router answers."""
+    from functools import partial
+
+    from scenarios.commands.ros2 import ROUTER, check, domain_of
+    from scenarios.ros2.bridge import beside
+
+    domain = domain_of(None)
+    check(ROUTER)
+    return partial(beside, endpoint=ROUTER, domain=domain)
 
 
 def _load(args: argparse.Namespace) -> "Scenario":

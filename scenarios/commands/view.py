@@ -11,8 +11,8 @@ from scenarios.commands.parsing import OK, Commands
 from scenarios.errors import UsageError
 
 _DESCRIPTION = """\
-Opens run.mcap of a former run in the Rerun viewer (`pip install rerun-sdk`), and makes it first from
-the robots' logs where it is not there. Foxglove and Lichtblick open the same file.
+Opens run.mcap of a former run in the Rerun viewer (`pip install rerun-sdk`), and makes it first
+from the robots' logs where it is not there. Foxglove and Lichtblick open the same file.
 """
 
 

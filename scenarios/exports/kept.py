@@ -52,8 +52,8 @@ class Kept:
         """
         if self.newest is None:
             raise NothingKeptError(
-                f"{self.run}: {self.robot}'s log holds no map; only a run by this version or a later"
-                " one keeps maps, and a robot that never lived has none"
+                f"{self.run}: {self.robot}'s log holds no map; only a run by this version or a"
+                " later one keeps maps, and a robot that never lived has none"
             )
         return self.newest
 

@@ -59,23 +59,17 @@ def voxels_of(chart: Chart) -> tuple[Ints, NDArray[np.uint8]]:
         raise MapFileError(f"the map has {int(height.sum())} voxels, allowed are {MAX_VOXELS}")
     start = np.repeat(np.cumsum(height) - height, height)
     down = np.arange(int(height.sum())) - start
-    keys = np.column_stack(
-        (np.repeat(x, height), np.repeat(y, height), np.repeat(top, height) - down)
-    )
+    x, y, top = (np.repeat(axis, height) for axis in (x, y, top))
+    keys = np.column_stack((x, y, top - down))
     return keys, np.full(len(keys), OCCUPIED, np.uint8)
 
 
 def _lowest(elevation_m: Singles) -> Singles:
     """Return the lowest known height among each cell and its four neighbours, NaN where none is."""
     padded = np.pad(elevation_m, 1, constant_values=np.nan)
-    near = (
-        padded[1:-1, 1:-1],
-        padded[:-2, 1:-1],
-        padded[2:, 1:-1],
-        padded[1:-1, :-2],
-        padded[1:-1, 2:],
-    )
-    lowest = np.fmin.reduce(near)
+    south, north = padded[:-2, 1:-1], padded[2:, 1:-1]
+    west, east = padded[1:-1, :-2], padded[1:-1, 2:]
+    lowest = np.fmin.reduce([elevation_m, south, north, west, east])
     return np.where(np.isfinite(elevation_m), lowest, np.nan).astype(np.float32)
 
 

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from agents.geometry import Pose
 from comms.timebase import to_s
 from scenarios import diary
-from scenarios.diary import Chart, LogTail, Note
+from scenarios.diary import Chart, LogTail, Note, PoseNote
 from scenarios.errors import StudyError
 from scenarios.linkwindows import windows_of
 from scenarios.ros2 import messages
@@ -69,19 +69,30 @@ class Teller:
                 self.chart = diary.draw(self.chart, note.data)
                 yield from self._map(note.t_ns, self.chart)
 
+    def skip(self, note: Note) -> None:
+        """Take a note in, and say nothing of it."""
+        if note.topic == diary.TEAM_MAP:
+            self.chart = diary.draw(self.chart, note.data)
+        elif note.topic == diary.POSE:
+            self._walk(note.t_ns, diary.read_pose(note.data))
+
+    def _walk(self, t_ns: int, told: PoseNote) -> None:
+        self.ways["true"].append((t_ns, told.true))
+        if told.still:
+            self.ways["believed"].append((t_ns, told.believed))
+
     def _one(self, t_ns: int, topic: str, kind: str, message: Mapping[str, Any]) -> Stamped:
         return Stamped(t_ns, f"/{ros_name(self.robot)}/{topic}", kind, encode(kind, message))
 
     def _pose(self, note: Note) -> Iterator[Stamped]:
         told, t_ns, me = diary.read_pose(note.data), note.t_ns, ros_name(self.robot)
-        self.ways["true"].append((t_ns, told.true))
+        self._walk(t_ns, told)
         frames = [(f"{me}/true", told.true)]
         odometry = "nav_msgs/msg/Odometry"
         sure = 0.0 * told.covariance
         true = messages.odometry(t_ns, f"{me}/true", told.true, sure)
         yield self._one(t_ns, "odom_true", odometry, true)
         if told.still:
-            self.ways["believed"].append((t_ns, told.believed))
             frames.append((f"{me}/base", told.believed))
             believed = messages.odometry(t_ns, f"{me}/base", told.believed, told.covariance)
             yield self._one(t_ns, "odom", odometry, believed)
