@@ -19,8 +19,10 @@ FLOOR = (*GROUND, "robots.count=2")
 ROBOTS = {"elevation": "recon", "planar": "explorer-1"}
 
 
-def scenario_of(kind: str) -> Scenario:
-    return load("cliff", list(GROUND)) if kind == "elevation" else load("planar", list(FLOOR))
+def scenario_of(kind: str, *overrides: str) -> Scenario:
+    if kind == "elevation":
+        return load("cliff", [*GROUND, *overrides])
+    return load("planar", [*FLOOR, *overrides])
 
 
 def grids(kind: str, rng: np.random.Generator) -> dict[str, Floats]:
@@ -38,10 +40,12 @@ def pose_at(second: int, error_m: float = 0.0) -> Pose:
     return Pose(math.cos(angle) + error_m, math.sin(angle), -0.01 * second, angle)
 
 
-def written_run(folder: Path, kind: str = "elevation", seconds: int = 60) -> dict[str, Floats]:
+def written_run(
+    folder: Path, kind: str = "elevation", *overrides: str, seconds: int = 60
+) -> dict[str, Floats]:
     """Write a run of one robot's log into a folder; return its map at the end."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "scenario.toml").write_text(dump(scenario_of(kind)))
+    (folder / "scenario.toml").write_text(dump(scenario_of(kind, *overrides)))
     rng = np.random.default_rng(4)
     log = LogFile(folder / f"{ROBOTS[kind]}.mcap")
     diary = Diary(log, FRAME, 5 * NS)

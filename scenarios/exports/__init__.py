@@ -32,7 +32,7 @@ def export(run: Path, formats: list[str], robot: str | None = None) -> list[Path
 
     """
     kept = keepsakes(run)
-    names = [name for name in kept if robot in (None, name)]
+    names = [name for name, one in kept.items() if robot == name or (not robot and one.true)]
     if not names:
         raise UsageError(
             f"--robot {robot}: there is no such robot; must be one of {', '.join(kept)}"

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
+from rasterio import Affine
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.io import MemoryFile
-from rasterio.transform import from_origin
 
 from agents.geometry import Singles
 from agents.maps.elevation import slope_of
@@ -52,8 +52,8 @@ def write_geotiff(kept: Kept, folder: Path) -> list[Path]:
         "compress": "deflate",
         "predictor": 3,
         "crs": place.crs or LOCAL_CRS,
-        "transform": from_origin(
-            west + place.east_m, north + place.north_m, frame.cell_m, frame.cell_m
+        "transform": Affine(
+            frame.cell_m, 0.0, west + place.east_m, 0.0, -frame.cell_m, north + place.north_m
         ),
     }
     with warnings.catch_warnings(), MemoryFile() as memory:
@@ -93,7 +93,8 @@ def write_npz(kept: Kept, folder: Path) -> list[Path]:
 def write_map_server(kept: Kept, folder: Path) -> list[Path]:
     """Write ROBOT.yaml and its ROBOT.png: what a robot's wheels may and may not stand on.
 
-    Of ground, solid is what is steeper than the scenario's `drive.max_slope_deg`.
+    Of ground, solid is what is steeper than the scenario's `drive.max_slope_deg`; where a
+    neighbour is unknown, so is the slope.
     """
     chart = kept.chart
     ok, png = cv2.imencode(".png", trinary(chart, kept.scenario.drive.max_slope_deg)[::-1])
@@ -122,7 +123,9 @@ def trinary(chart: Chart, max_slope_deg: float) -> NDArray[np.uint8]:
         solid, free = share > OCCUPIED_SHARE, share < FREE_SHARE
     else:
         elevation_m = chart.layers["elevation"].astype(np.float64)
-        known = np.isfinite(elevation_m)
+        padded = np.pad(np.isfinite(elevation_m), 1, mode="edge")
+        known = padded[1:-1, 1:-1] & padded[1:-1, 2:] & padded[1:-1, :-2]
+        known &= padded[2:, 1:-1] & padded[:-2, 1:-1]
         slope = slope_of(elevation_m, chart.frame.cell_m)
         solid = known & (slope > np.tan(np.radians(max_slope_deg)))
         free = known & ~solid
