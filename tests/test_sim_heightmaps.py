@@ -1,4 +1,4 @@
-"""Ground from text and pictures: read as others wrote it, refused in one sentence where it is none."""
+"""Ground from text and pictures: read as others wrote it, refused in a sentence if it is none."""
 
 from pathlib import Path
 from typing import Any
@@ -78,7 +78,7 @@ def test_a_bad_ascii_grid_is_refused_in_a_sentence(
     tmp_path: Path, old: str, new: str, words: str
 ) -> None:
     assert old in ASC
-    with pytest.raises(WorldError, match="ground.asc") as refused:
+    with pytest.raises(WorldError, match=r"ground\.asc") as refused:
         read_elevation(asc(tmp_path, ASC.replace(old, new)))
     assert words in str(refused.value)
 
@@ -109,9 +109,9 @@ def test_a_bad_picture_is_refused_in_a_sentence(tmp_path: Path) -> None:
     grey, colours = np.zeros((5, 6), np.uint8), np.zeros((5, 6, 3), np.uint8)
     colours[0, 0, 0] = 9
     good = Path(png(tmp_path, grey))
-    with pytest.raises(WorldError, match="set world.terrain.grey_m"):
+    with pytest.raises(WorldError, match=r"set world\.terrain\.grey_m"):
         read_elevation(str(good), 1.0)
-    with pytest.raises(WorldError, match="set world.terrain.cell_m"):
+    with pytest.raises(WorldError, match=r"set world\.terrain\.cell_m"):
         read_elevation(str(good), None, (0.0, 1.0))
     with pytest.raises(WorldError, match="has colours"):
         read_elevation(png(tmp_path, colours, "blue.png"), 1.0, (0.0, 1.0))
@@ -167,7 +167,7 @@ def test_a_bad_floor_is_refused_in_a_sentence(
     path.write_text("".join(f"{k}: {v}\n" for k, v in FLOOR.items()))
     assert load_map(path).frame.rows == 20
     path.write_text("".join(f"{k}: {v}\n" for k, v in {**FLOOR, key: value}.items()))
-    with pytest.raises(WorldError, match="floor.yaml") as refused:
+    with pytest.raises(WorldError, match=r"floor\.yaml") as refused:
         load_map(path)
     assert words in str(refused.value)
 

@@ -94,7 +94,7 @@ def write_map_server(kept: Kept, folder: Path) -> list[Path]:
     """Write ROBOT.yaml and its ROBOT.png: what a robot's wheels may and may not stand on.
 
     Of ground, solid is what is steeper than the scenario's `drive.max_slope_deg`; where a
-    neighbour is unknown, so is the slope.
+    neighbour is unknown (or beyond the edge), so is the slope.
     """
     chart = kept.chart
     ok, png = cv2.imencode(".png", trinary(chart, kept.scenario.drive.max_slope_deg)[::-1])
@@ -123,7 +123,7 @@ def trinary(chart: Chart, max_slope_deg: float) -> NDArray[np.uint8]:
         solid, free = share > OCCUPIED_SHARE, share < FREE_SHARE
     else:
         elevation_m = chart.layers["elevation"].astype(np.float64)
-        padded = np.pad(np.isfinite(elevation_m), 1, mode="edge")
+        padded = np.pad(np.isfinite(elevation_m), 1)
         known = padded[1:-1, 1:-1] & padded[1:-1, 2:] & padded[1:-1, :-2]
         known &= padded[2:, 1:-1] & padded[:-2, 1:-1]
         slope = slope_of(elevation_m, chart.frame.cell_m)
