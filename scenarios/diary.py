@@ -12,16 +12,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
 
+import cv2
 import msgpack
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.geometry import Floats, GridFrame, Pose, Singles
 from agents.ports import Exposure
 from scenarios.notebook import LogFile
 
-POSE, SEEN, TEAM_MAP = "pose", "seen", "team_map"
+POSE, SEEN, TEAM_MAP, IMAGE = "pose", "seen", "team_map", "image"
+TOPICS = frozenset((POSE, SEEN, TEAM_MAP, IMAGE))
 MAP_NOTES = 100
 """Notes of its map that a robot makes in a run that lasts to its limit."""
+JPEG_QUALITY = 80
 SEEN_POINTS = 1500
 """Points of a look that are noted; a look of more is thinned."""
 STEPS = {"elevation": 2.0**-10, "sigma": 2.0**-13, "log_odds": 2.0**-8}
@@ -88,6 +92,13 @@ class Diary:
             data = points_m[::stride].astype("<f4").tobytes()
             wire = (exposure.pan_rad, exposure.tilt_rad, zlib.compress(data, 1))
             self._log.keep(SEEN, _packed(wire), t_ns)
+
+    def image(self, t_ns: int, grey: NDArray[np.uint8]) -> None:
+        """Note the left image (H, W) of a pair, as JPEG."""
+        if self._log is not None:
+            ok, data = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+            assert ok
+            self._log.keep(IMAGE, data.tobytes(), t_ns)
 
     def map(self, t_ns: int, grids: dict[str, Floats], *, whole: bool = False) -> None:
         """Note a map's grids (rows, cols; not finite: unknown)."""

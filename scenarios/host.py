@@ -136,6 +136,7 @@ class Host:
             camera_rng=dice(scenario, self.name, "camera", disk.incarnation),
             light=scenario.world.light,
             ground_salt=scenario.seed,
+            kept=lambda shot, seen: self.diary.image(from_s(seen.exposure.t_s), shot.left),
         )
 
     def _agent_settings(self) -> AgentSettings:

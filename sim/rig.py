@@ -9,6 +9,7 @@ import numpy as np
 from agents.geometry import Pose
 from agents.ports import Camera, Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
+from agents.stereo.eyes import Seen
 from sim.camera import RangeCamera
 from sim.ground import Terrain
 from sim.motion import Motions, Segment
@@ -17,6 +18,7 @@ from sim.planar_world import PlanarWorld
 from sim.rover import RoverBody
 from sim.stereo.camera import StereoCamera, make_stage
 from sim.stereo.settings import LightSettings
+from sim.stereo.shoot import Shot
 from sim.tethered import TetheredBody
 from sim.winch import SimWinch
 
@@ -55,12 +57,14 @@ def make_rig(
     camera_rng: np.random.Generator,
     light: LightSettings,
     ground_salt: int,
+    kept: Callable[[Shot, Seen], None] = lambda _shot, _seen: None,
 ) -> Rig:
     """Build the hardware that a robot's role has.
 
     `motions` is this process's knowledge of everybody, own motion included; `publish` adds to it
     and tells the others. `tether_m` is what is out of an Anchor-bot's drum, None at the start.
-    `light` and `ground_salt`, which names the ground's pattern, are for cameras that see images.
+    `light` and `ground_salt`, which names the ground's pattern, are for cameras that see images;
+    `kept` is given what these saw.
     """
     role = roles[name]
     radius_m = drive.footprint_m / 2
@@ -97,7 +101,7 @@ def make_rig(
     if sensor.kind == "stereo":
         masts_m = {mate: sensor.height_m if r in MAPPERS else 0.0 for mate, r in roles.items()}
         stage = make_stage(terrain, masts_m, salt=ground_salt, light=light)
-        camera = StereoCamera(name, stage, sensor, rover.pose_now, others, camera_rng)
+        camera = StereoCamera(name, stage, sensor, rover.pose_now, others, camera_rng, kept=kept)
     else:
         camera = RangeCamera(terrain, sensor, rover.pose_now, others, camera_rng, radius_m)
     return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)

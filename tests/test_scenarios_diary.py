@@ -14,7 +14,7 @@ from scenarios import diary
 from scenarios.diary import STEPS, Chart, Diary, LogTail, Note, draw
 from scenarios.notebook import LogFile
 
-ALL = frozenset((diary.POSE, diary.SEEN, diary.TEAM_MAP))
+ALL = diary.TOPICS
 MAPS = frozenset((diary.TEAM_MAP,))
 
 

@@ -196,6 +196,7 @@ def test_a_merged_run_holds_each_kind_of_message(merged: Any) -> None:
         (f"{me}/path_true", "nav_msgs/msg/Path"): 8,
         (f"{me}/path_believed", "nav_msgs/msg/Path"): 8,
         (f"{me}/look", "sensor_msgs/msg/PointCloud2"): 3,
+        (f"{me}/image", "sensor_msgs/msg/CompressedImage"): 3,
         (f"{me}/odom_true", "nav_msgs/msg/Odometry"): 61,
         (f"{me}/odom", "nav_msgs/msg/Odometry"): 31,
         ("/tf", "tf2_msgs/msg/TFMessage"): 61,
@@ -246,6 +247,7 @@ def test_rerun_draws_a_merged_run(merged: Any) -> None:
     for entity, component in (
         (f"{me}/map_points", "Points3D:positions"),
         (f"{me}/look", "Points3D:positions"),
+        (f"{me}/image", "EncodedImage:blob"),
         (grid, "GridMap:data"),
         ("/tf", "Transform3D:translation"),
     ):

@@ -12,7 +12,7 @@ from scenarios.errors import UsageError
 
 _DESCRIPTION = """\
 Opens run.mcap of a former run in the Rerun viewer (`pip install rerun-sdk`), and makes it first
-from the robots' logs where it is not there. Foxglove and Lichtblick open the same file.
+from the robots' logs where it is not there.
 """
 
 

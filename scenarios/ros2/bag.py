@@ -26,7 +26,6 @@ from scenarios.schema import load
 NAME = "run.mcap"
 GRIDS, CLOUDS = 40, 8
 PATH_POSES = 1000
-TOPICS = frozenset((diary.POSE, diary.SEEN, diary.TEAM_MAP))
 
 
 class BagError(StudyError):
@@ -65,6 +64,9 @@ class Teller:
                 points = diary.read_seen(note.data).points_m
                 look = messages.cloud(note.t_ns, points)
                 yield self._one(note.t_ns, "look", "sensor_msgs/msg/PointCloud2", look)
+            case diary.IMAGE:
+                image = messages.jpeg(note.t_ns, note.data)
+                yield self._one(note.t_ns, "image", "sensor_msgs/msg/CompressedImage", image)
             case _:
                 self.chart = diary.draw(self.chart, note.data)
                 yield from self._map(note.t_ns, self.chart)
@@ -151,7 +153,7 @@ def logs_of(run: Path) -> dict[str, list[Path]]:
 def notes_of(run: Path) -> dict[str, list[Note]]:
     """Return the notes of each robot of a run, in order; none of a robot that kept no log."""
     return {
-        robot: [note for path in lives for note in LogTail(path, robot).read(TOPICS)]
+        robot: [note for path in lives for note in LogTail(path, robot).read(diary.TOPICS)]
         for robot, lives in logs_of(run).items()
     }
 

@@ -19,7 +19,7 @@ from comms.ros2_zenoh import ROUTER, RosNode
 from scenarios import diary
 from scenarios.diary import LogTail, Note
 from scenarios.ros2 import messages
-from scenarios.ros2.bag import TOPICS, Stamped, Teller
+from scenarios.ros2.bag import Stamped, Teller
 from scenarios.ros2.cdr import encode
 from scenarios.ros2.types import HASHES
 from scenarios.schema import load
@@ -50,7 +50,7 @@ class Follower:
         for i, note in enumerate(notes):
             if newest[note.topic] == i:
                 told.extend(self.teller.tell(note))
-            elif note.topic != diary.SEEN:
+            else:
                 self.teller.skip(note)
         return told
 
@@ -59,7 +59,7 @@ class Follower:
         path = self.run / (f"{self.robot}-{life}.mcap" if life else f"{self.robot}.mcap")
         if path.is_file():
             self.tails.append(LogTail(path, self.robot))
-        return [note for tail in self.tails[-2:] for note in tail.read(TOPICS)]
+        return [note for tail in self.tails[-2:] for note in tail.read(diary.TOPICS)]
 
 
 class Bridge:

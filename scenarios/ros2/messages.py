@@ -150,6 +150,11 @@ def cloud(t_ns: int, points: Singles, names: Sequence[str] = ("x", "y", "z")) ->
     }
 
 
+def jpeg(t_ns: int, data: bytes) -> Message:
+    """Return a sensor_msgs/CompressedImage of a JPEG."""
+    return {"header": header(t_ns), "format": "jpeg", "data": data}
+
+
 def grid_map(t_ns: int, chart: Chart) -> Message:
     """Return a grid_map_msgs/GridMap: cell (0, 0) is the north-east one, columns run south."""
     frame = chart.frame

@@ -81,6 +81,9 @@ HASHES = {
     "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
     "nav_msgs/msg/Path": "1957a5bb3cee5da65c4e52e52b65a93df227efce4c20f8458b36e73066ca334b",
     "rosgraph_msgs/msg/Clock": "692f7a66e93a3c83e71765d033b60349ba68023a8c689a79e48078bcb5c58564",
+    "sensor_msgs/msg/CompressedImage": (
+        "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a"
+    ),
     "sensor_msgs/msg/PointCloud2": (
         "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5"
     ),
