@@ -1,10 +1,11 @@
 """Carrying bytes over Eclipse Zenoh: one router inside the runner, every robot a client of it.
 
-The only file that knows Zenoh. Both planes go through here: `team/**` (what robots say to each
-other, every byte of it charged by a link before it comes here) and `world/**` (the simulation's
-own: grants, reports). Everything stays on loopback, but for team planes between computers, which
-need certificates (`comms.zenoh_security`). What is put by one session arrives in the order in which
-it was put, so a report of a robot's arrives behind the packets that it speaks of.
+The only file of a run that knows Zenoh (`comms.ros2_zenoh` tells ROS 2 of one). Both planes go
+through here: `team/**` (what robots say to each other, every byte of it charged by a link before it
+comes here) and `world/**` (the simulation's own: grants, reports). Everything stays on loopback,
+but for team planes between computers, which need certificates (`comms.zenoh_security`). What is put
+by one session arrives in the order in which it was put, so a report of a robot's arrives behind the
+packets that it speaks of.
 """
 
 import collections

@@ -14,15 +14,18 @@ from scenarios.commands import (
     chaos,
     compare,
     experiment,
+    export,
     link,
     map,
     plot,
     replay,
     report,
+    ros2,
     run,
     shelf,
     stereo,
     sweep,
+    view,
 )
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
@@ -38,6 +41,9 @@ COMMANDS = (
     sweep,
     plot,
     stereo,
+    view,
+    export,
+    ros2,
     building,
     report,
     compare,

@@ -25,8 +25,8 @@ RUN_FILES = (
     "trials.parquet",
 )
 RUN_PATTERNS = ("*.mcap", "*.log", ".*.part")
-RUN_FOLDERS = ("robots", "trials")
-"""What robots keep to outlive a crash, one folder each; what the trials of a sweep left."""
+RUN_FOLDERS = ("robots", "trials", "export")
+"""What robots keep to outlive a crash, one folder each; trials of a sweep; what was exported."""
 
 
 def choose(name: str, seed: int) -> Path:

@@ -17,11 +17,13 @@ from agents.briefing import AgentSettings
 from agents.disk import Disk, DiskError
 from agents.files import LocalFiles
 from agents.geometry import Floats, Pose
+from agents.planar.rays import fan_rad
 from agents.ports import Exposure
 from agents.robot import Robot
 from agents.roles import ROLES
 from comms.air import Packet
 from comms.timebase import NS, from_s, sleep_until_ns, to_s
+from scenarios.diary import MAP_NOTES, Diary, PoseNote
 from scenarios.dice import dice
 from scenarios.handed import BORN, HANDED, pack_born, pack_handed
 from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
@@ -78,6 +80,8 @@ class Host:
         suffix = f"-{life}" if life else ""
         log = LogFile(plan.folder / f"{self.name}{suffix}.mcap") if plan.keeps_log else None
         self.notebook = Notebook(self.name, log, self.now_ns)
+        every_s = max(self.scenario.sample_s, self.scenario.limit_s / MAP_NOTES)
+        self.diary = Diary(log, plan.terrain.frame, from_s(every_s))
         if log is not None and isinstance(loop, VirtualLoop):
             log.keep(BORN, pack_born(plan), plan.start_ns)
         if refusal:
@@ -135,6 +139,7 @@ class Host:
             camera_rng=dice(scenario, self.name, "camera", disk.incarnation),
             light=scenario.world.light,
             ground_salt=scenario.seed,
+            kept=lambda shot, seen: self.diary.image(from_s(seen.exposure.t_s), shot.left),
         )
 
     def _agent_settings(self) -> AgentSettings:
@@ -192,6 +197,22 @@ class Host:
             self._coverage(),
         )  # fmt: skip
         self.notebook.add(row, t_ns)
+        self.diary.seen(t_ns, exposure, self.robot.pose.team_from_robot(self._points_m(exposure)))
+        self._note_pose(t_ns)
+
+    def _points_m(self, exposure: Exposure) -> Floats:
+        """Return the points (N, 3) of a look, a planar one's too, in the levelled robot frame."""
+        if not exposure.ranges_m.size:
+            return exposure.points_m
+        ranges_m = exposure.ranges_m
+        angles = exposure.pan_rad + fan_rad(self.scenario.sensor)
+        flat = (ranges_m * np.cos(angles), ranges_m * np.sin(angles), np.zeros_like(ranges_m))
+        return np.column_stack(flat)[np.isfinite(ranges_m)]
+
+    def _note_pose(self, t_ns: int) -> None:
+        filtered, still = self.robot.filter, not self._is_moving(t_ns)
+        note = PoseNote(self.true_pose(t_ns), self.robot.pose, filtered.covariance, still)
+        self.diary.pose(t_ns, note)
 
     def _coverage(self) -> float:
         """Return the share of the observable cells that its team map has."""
@@ -254,6 +275,9 @@ class Host:
         self.notebook.add(row, t_ns)
         if not self._is_moving(t_ns):  # a drive is measured when it is done
             self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
+        self._note_pose(t_ns)
+        if self.diary.is_due(t_ns):
+            self.diary.map(t_ns, self._scorer.grids(heard))
         self.status = {
             "t_s": to_s(t_ns),
             "activity": self.robot.activity,
@@ -356,14 +380,13 @@ class Host:
         status = self.status
         report = self.report()
         heard = self.robot.team.as_heard()
+        grids = self._scorer.grids(heard)
+        self.diary.map(end_ns, grids, whole=True)
         speed = self.scenario.clock.speed
         report.final = {
             **status,
             "lags_s": [lag / speed for lag in self.air.lags_s],
-            "maps": {
-                name: values.astype(np.float32).tobytes()
-                for name, values in self._scorer.grids(heard).items()
-            },
+            "maps": {name: values.astype(np.float32).tobytes() for name, values in grids.items()},
             "shape": list(self.plan.terrain.frame.shape),
         }
         self.notebook.close()

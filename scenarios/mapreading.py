@@ -12,7 +12,7 @@ from typing import Any, cast
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
-from rasterio.errors import NotGeoreferencedWarning
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from scenarios.mapfiles import ElevationMap, MapFileError
 from sim.errors import WorldError
@@ -103,6 +103,17 @@ def _georeference(path: Path) -> tuple[tuple[float, float] | None, str | None]:
             transform, height, crs = raster.transform, raster.height, raster.crs
     south = min(transform.f, transform.f + height * transform.e)
     return (float(transform.c), float(south)), None if crs is None else str(crs.to_string())
+
+
+def place_of(path: Path) -> tuple[tuple[float, float] | None, str | None]:
+    """Return the south-west corner and the CRS of an .npz or a GeoTIFF, None if it tells none."""
+    try:
+        if path.suffix.lower() in (".tif", ".tiff"):
+            return _georeference(path)
+        found = read_map(path)
+    except (MapFileError, RasterioError):
+        return None, None
+    return found.origin_m, found.crs
 
 
 def npz_bytes(elevations: ElevationMap) -> bytes:

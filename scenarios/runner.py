@@ -25,6 +25,7 @@ from scenarios.processes import ZenohCrew, peak_bytes, start_fork_server
 from scenarios.realtime import RealMemoryCrew, RealRun
 from scenarios.record import write_atomic
 from scenarios.report import report
+from scenarios.ros2.bag import BagError, write_bag
 from scenarios.schema import Scenario, dump
 from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
@@ -33,6 +34,9 @@ from scenarios.view.reel import Reel
 from scenarios.view.report import end_of, write_report
 from scenarios.view.rundir import read_run
 from scenarios.virtual import VirtualRun
+
+Beside = Callable[[Path], contextlib.AbstractContextManager[None]]
+"""Something that goes on beside a run and only reads what its robots write."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +63,15 @@ def run(
     quiet: bool = False,
     overwrite: bool = False,
     picture: bool = True,
+    merge: bool = True,
     page: LivePage | None = None,
+    beside: Beside | None = None,
 ) -> RunResult:
-    """Run a scenario and write its records to `out`, a picture and a report of it or none.
+    """Run a scenario and write its records to `out`.
 
-    While it goes on it is shown on a `page`, if there is one; then there must be a picture too.
+    With `picture` also a picture and a report, with `merge` a `run.mcap`. While it goes on it is
+    shown on a `page`, if there is one; then there must be a picture too. `beside` is entered with
+    the run's folder before the robots start, and left when they ended.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -84,17 +92,29 @@ def run(
     crew = _crew(scenario)
     is_virtual = scenario.clock.mode == "virtual"
     play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
+    company = contextlib.nullcontext() if beside is None else beside(out)
     if picture:
         play.reel = Reel(stage)
     with contextlib.closing(page or LivePage()):
-        with view, _ctrl_c(play.interrupt):
+        with company, view, _ctrl_c(play.interrupt):
             try:
                 if page is not None:
                     page.begin(play, title)
                 play.play()
             finally:
                 crew.close()
-        return _write_up(play, view, started_s + compile_s, compile_s, picture=picture, page=page)
+        result = _write_up(play, view, started_s + compile_s, compile_s, picture=picture, page=page)
+    if merge:
+        _merge(out, view)
+    return result
+
+
+def _merge(out: Path, view: LiveView) -> None:
+    """Write `run.mcap`; a run is no worse for not having one."""
+    try:
+        write_bag(out)
+    except BagError as error:
+        view.say(f"no run.mcap: {error}")
 
 
 def _crew(scenario: Scenario) -> Crew:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
 from agents.markov import distance_to_known_m
@@ -112,22 +113,22 @@ def load_map(path: Path, *, cell_m: float = 0.4, footprint_m: float = 0.4) -> Pl
         WorldError: a file is absent or says what can't be read; one sentence says what.
     """
     told = _yaml(path)
-    image_path = path.parent / told["image"]
-    image = cv2.imread(str(image_path), cv2.IMREAD_GRAYSCALE) if image_path.is_file() else None
-    if image is None:
-        raise WorldError(f"{path}: its image {told['image']!r} is absent or can't be read")
+    image = _image(path, told["image"])
     resolution_m = _number(path, told, "resolution")
+    if not 0.0 < resolution_m < math.inf:
+        raise WorldError(f"{path}: resolution is {resolution_m:g}: it must be a number above 0")
     block = round(cell_m / resolution_m)
     if block < 1 or abs(block * resolution_m - cell_m) > 1e-6:
         raise WorldError(
             f"{path}: cells of {cell_m} m are no multiple of its pixels of {resolution_m} m"
         )
-    dark = image / 255.0 if int(_number(path, told, "negate")) else 1.0 - image / 255.0
+    dark = image / 255.0 if _negated(path, told["negate"]) else 1.0 - image / 255.0
     free = np.where(dark < _number(path, told, "free_thresh"), 254.0, 0.0)[::-1]
     rows, cols = free.shape[0] // block, free.shape[1] // block
     means = free[: rows * block, : cols * block].reshape(rows, block, cols, block).mean((1, 3))
-    x, y = (float(v) for v in told["origin"].strip("[]").split(",")[:2])
-    frame = GridFrame(x, y, cell_m, rows, cols)
+    if min(rows, cols) < 1:
+        raise WorldError(f"{path}: its image is smaller than one cell of {cell_m} m")
+    frame = GridFrame(*_origin(path, told["origin"]), cell_m, rows, cols)
     solid = means < FREE
     return PlanarWorld(frame, solid, _start(solid, frame, footprint_m))
 
@@ -136,12 +137,44 @@ def _yaml(path: Path) -> dict[str, str]:
     """Return the flat `key: value` lines of a map_server file."""
     if not path.is_file():
         raise WorldError(f"the map {str(path)!r} does not exist; allowed is a map_server yaml file")
-    lines = [line.split("#")[0].partition(":") for line in path.read_text().splitlines()]
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise WorldError(f"{path}: is no map_server yaml file ({error})") from None
+    lines = [line.split("#")[0].partition(":") for line in text.splitlines()]
     told = {key.strip(): value.strip().strip("\"'") for key, colon, value in lines if colon}
     for key in ("image", "resolution", "origin", "negate", "free_thresh"):
         if key not in told:
             raise WorldError(f"{path}: it has no {key!r}, which every map_server file holds")
     return told
+
+
+def _image(path: Path, name: str) -> NDArray[np.uint8]:
+    image_path = path.parent / name
+    try:
+        image = cv2.imread(str(image_path), cv2.IMREAD_GRAYSCALE) if image_path.is_file() else None
+    except cv2.error:  # larger than OpenCV reads
+        image = None
+    if image is None:
+        raise WorldError(f"{path}: its image {name!r} is absent or can't be read")
+    return image.astype(np.uint8)
+
+
+def _negated(path: Path, text: str) -> bool:
+    known = {"0": False, "1": True, "false": False, "true": True}
+    if text.lower() not in known:
+        raise WorldError(f"{path}: negate is {text!r}: it must be 0 or 1")
+    return known[text.lower()]
+
+
+def _origin(path: Path, text: str) -> tuple[float, float]:
+    try:
+        x_m, y_m, yaw_rad = (float(part) for part in text.strip("[]").split(","))
+    except ValueError:
+        x_m = y_m = yaw_rad = math.nan
+    if not math.isfinite(x_m + y_m) or yaw_rad != 0.0:
+        raise WorldError(f"{path}: origin is {text!r}: it must be [x, y, 0], in m, not turned")
+    return x_m, y_m
 
 
 def _number(path: Path, told: dict[str, str], key: str) -> float:

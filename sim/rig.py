@@ -9,6 +9,7 @@ import numpy as np
 from agents.geometry import Pose
 from agents.ports import Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
+from agents.stereo.eyes import Seen
 from sim.ground import Terrain
 from sim.motion import Motions, Segment
 from sim.planar import PlanarBody, PlanarCamera
@@ -16,6 +17,7 @@ from sim.planar_world import PlanarWorld
 from sim.rover import RoverBody
 from sim.sensors import SENSORS, Mount
 from sim.stereo.settings import LightSettings
+from sim.stereo.shoot import Shot
 from sim.tethered import TetheredBody
 from sim.winch import SimWinch
 
@@ -52,12 +54,14 @@ def make_rig(
     camera_rng: np.random.Generator,
     light: LightSettings,
     ground_salt: int,
+    kept: Callable[[Shot, Seen], None] = lambda _shot, _seen: None,
 ) -> Rig:
     """Build the hardware that a robot's role has.
 
     `motions` is this process's knowledge of everybody, own motion included; `publish` adds to it
     and tells the others. `tether_m` is what is out of an Anchor-bot's drum, None at the start.
-    `light` and `ground_salt`, which names the ground's pattern, are for cameras that see images.
+    `light` and `ground_salt`, which names the ground's pattern, are for cameras that see images;
+    `kept` is given what these saw.
     """
     role = roles[name]
 
@@ -100,6 +104,7 @@ def make_rig(
         radius_m=drive.footprint_m / 2,
         light=light,
         ground_salt=ground_salt,
+        kept=kept,
     )
     camera = SENSORS.find(sensor.kind)(mount)
     return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)

@@ -8,11 +8,13 @@ import numpy as np
 from agents.geometry import Pose
 from agents.ports import Camera
 from agents.settings import SensorSettings
+from agents.stereo.eyes import Seen
 from comms.plugins import Plugins
 from sim.camera import RangeCamera
 from sim.ground import Terrain
 from sim.stereo.camera import StereoCamera, make_stage
 from sim.stereo.settings import LightSettings
+from sim.stereo.shoot import Shot
 
 MAPPERS = ("recon", "explorer")
 """Roles that have a camera, on a mast."""
@@ -37,6 +39,8 @@ class Mount:
     light: LightSettings
     ground_salt: int
     """Names the pattern on the ground: the same for all robots of a run."""
+    kept: Callable[[Shot, Seen], None] = lambda _shot, _seen: None
+    """Is given what a camera of images saw, for the record."""
 
 
 def _range(mount: Mount) -> Camera:
@@ -49,7 +53,9 @@ def _stereo(mount: Mount) -> Camera:
     mast_m = mount.sensor.height_m
     masts_m = {mate: mast_m if r in MAPPERS else 0.0 for mate, r in mount.roles.items()}
     stage = make_stage(mount.terrain, masts_m, salt=mount.ground_salt, light=mount.light)
-    return StereoCamera(mount.name, stage, mount.sensor, mount.pose_now, mount.others, mount.rng)
+    return StereoCamera(
+        mount.name, stage, mount.sensor, mount.pose_now, mount.others, mount.rng, kept=mount.kept
+    )
 
 
 SENSORS: Plugins[Callable[[Mount], Camera]] = Plugins(

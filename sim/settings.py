@@ -18,12 +18,14 @@ class TerrainSettings(Settings):
     kind: str = "cliff"
     """Made-up ground, used while `file` is empty."""
     file: str = ""
-    """Elevation file: .npz (`elevation` in m, NaN unknown, `cell_size` in m, row 0 north) or
-    GeoTIFF. Where it is given, `kind` and the keys of made-up ground but `texture_poor` say
-    nothing."""
+    """Elevation file: .npz (`elevation` in m, NaN unknown, `cell_size` in m, row 0 north), GeoTIFF,
+    .asc (Esri's ASCII grid) or .png (with `grey_m` and `cell_m`). Where it is given, `kind` and the
+    keys of made-up ground but `texture_poor` say nothing."""
     cell_m: Annotated[float, Field(gt=0, le=1000)] | None = None
     """Reads the file's shapes at another scale: its cells are taken to be this large, and its
-    heights are scaled alike, so that slopes stay."""
+    heights are scaled alike, so that slopes stay. A .png has no scale of its own: this is it."""
+    grey_m: tuple[float, float] | None = None
+    """Heights of the black and of the white of a .png, m."""
     drop_m: Annotated[float, Field(ge=0.5, le=200)] = 6.0
     """Height of the cliff."""
     slope_deg: Annotated[float, Field(ge=20, le=85)] = 45.0
@@ -56,9 +58,11 @@ class TerrainSettings(Settings):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.kind == "file" and not self.file:
-            raise ValueError('kind "file" needs `file`, the path of an .npz or GeoTIFF')
+            raise ValueError('kind "file" needs `file`, the path of an elevation file')
         if self.cell_m is not None and not self.file:
             raise ValueError("cell_m is the scale of a file; made-up ground takes map.cell_m")
+        if self.grey_m is not None and not self.file.lower().endswith(".png"):
+            raise ValueError("grey_m is for a .png; other files tell their heights themselves")
         if self.rock_min_m > self.rock_max_m:
             raise ValueError(
                 f"rock_min_m is {self.rock_min_m:g}, allowed is at most rock_max_m"

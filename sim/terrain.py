@@ -56,7 +56,7 @@ def make_terrain(
     settings = world.terrain
     _check_size(world, cell_m)
     if settings.file:
-        file = read_elevation(settings.file, settings.cell_m)
+        file = read_elevation(settings.file, settings.cell_m, settings.grey_m)
         extent_m = choose_window(file, world.window_m, footprint_m, "cliffbot" in roles)
         _check_room(settings.file, extent_m, cell_m)
         frame, elevation_m = window_of(file, extent_m, cell_m)

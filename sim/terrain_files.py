@@ -15,8 +15,10 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from agents.geometry import Bools, Floats, GridFrame, Singles
 from sim.errors import WorldError
 from sim.ground import dilated, filled, largest_regions, plane_fit
+from sim.heightmaps import read_ascii, read_png
 from sim.resample import resample
 
+KINDS = ".npz, .tif (GeoTIFF), .asc (ASCII grid), .png"
 MAX_FILE_CELLS = 32_000_000
 SURVEY_CELLS = 1_000_000
 """A file is looked over for a window at no more cells than these."""
@@ -41,21 +43,34 @@ class ElevationFile:
         return ElevationFile(self.path, self.elevation_m * (cell_m / self.cell_m), cell_m)
 
 
-def read_elevation(path: str, scale_cell_m: float | None = None) -> ElevationFile:
-    """Read an .npz or a GeoTIFF; `scale_cell_m` is the cell size that it shall be taken to have.
+def read_elevation(
+    path: str,
+    scale_cell_m: float | None = None,
+    grey_m: tuple[float, float] | None = None,
+) -> ElevationFile:
+    """Read an .npz, a GeoTIFF, an ASCII grid or a PNG.
+
+    `scale_cell_m` is the cell size that it shall be taken to have; `grey_m` are the heights of a
+    PNG's black and white.
 
     Raises WorldError where the file is absent, of another kind, or holds no elevation grid.
     """
     file = Path(path)
     if not file.is_file():
-        raise WorldError(f"world.terrain.file {path!r} does not exist; allowed is an .npz or .tif")
+        raise WorldError(f"world.terrain.file {path!r} does not exist; allowed: {KINDS}")
     suffix = file.suffix.lower()
     if suffix == ".npz":
         elevation_m, cell_m = _read_npz(file)
     elif suffix in (".tif", ".tiff"):
         elevation_m, cell_m = _read_tiff(file, scale_cell_m)
+    elif suffix == ".asc":
+        elevation_m, cell_m = read_ascii(file, MAX_FILE_CELLS)
+    elif suffix == ".png":
+        elevation_m, cell_m = read_png(file, grey_m, MAX_FILE_CELLS), scale_cell_m
     else:
-        raise WorldError(f"{path}: files of kind {suffix!r} can't be read; allowed: .npz, .tif")
+        raise WorldError(f"{path}: files of kind {suffix!r} can't be read; allowed: {KINDS}")
+    if cell_m is None:
+        raise WorldError(_no_cell_size(file))
     _check(path, elevation_m, cell_m)
     south_up = np.ascontiguousarray(elevation_m[::-1]).astype(np.float64)
     south_up[~np.isfinite(south_up)] = np.nan
@@ -103,12 +118,10 @@ def _read_tiff(file: Path, scale_cell_m: float | None) -> tuple[Floats, float]:
 
 
 def _tiff_cell_m(file: Path, transform: Any, crs: Any, scale_cell_m: float | None) -> float:
-    in_metres = crs is not None and crs.is_projected
+    in_metres = crs is not None and (crs.is_projected or _is_local_in_metres(crs))
     if crs is None or transform.is_identity or not in_metres:
         if scale_cell_m is None:
-            raise WorldError(
-                f"{file}: its cell size is not given in m; set world.terrain.cell_m to it"
-            )
+            raise WorldError(_no_cell_size(file))
         return scale_cell_m
     width, height = abs(transform.a), abs(transform.e)
     if transform.b != 0 or transform.d != 0 or abs(width - height) > 0.01 * width:
@@ -116,7 +129,17 @@ def _tiff_cell_m(file: Path, transform: Any, crs: Any, scale_cell_m: float | Non
             f"{file}: its cells are {width:g} x {height:g} (rotation {transform.b:g}), allowed are"
             " square cells along east and north"
         )
-    return float(width * crs.linear_units_factor[1])
+    return float(width * crs.linear_units_factor[1]) if crs.is_projected else float(width)
+
+
+def _is_local_in_metres(crs: Any) -> bool:
+    """Say whether coordinates are metres of a frame that lies nowhere on a planet."""
+    text = str(crs.to_wkt())
+    return text.startswith(("LOCAL_CS", "ENGCRS")) and 'UNIT["metre",1' in text
+
+
+def _no_cell_size(file: Path) -> str:
+    return f"{file}: its cell size is not given in m; set world.terrain.cell_m to it"
 
 
 def _too_large(path: str, rows: int, cols: int) -> str:

@@ -96,13 +96,13 @@ def _value(text: str) -> str | float | None:
 
 
 def run_of(scenario: Scenario, out: Path) -> Ran:
-    """Run a scenario as the command line does, but for the picture and the report."""
+    """Run a scenario as the command line does, but for the picture, the report and run.mcap."""
     crew = WatchedCrew()
     with ExitStack() as stack:
         stack.enter_context(patch.object(runner, "draw"))
         stack.enter_context(patch.object(runner, "write_report"))
         stack.enter_context(patch.object(runner, "MemoryCrew", lambda: crew))
-        result = runner.run(scenario, out, quiet=True)
+        result = runner.run(scenario, out, quiet=True, merge=False)
     assert active_children() == [], "a process was left behind"
     return Ran(out, result.summary, crew.robots)
 

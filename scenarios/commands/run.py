@@ -9,6 +9,7 @@ from scenarios.errors import ScenarioError, UsageError
 
 if TYPE_CHECKING:
     from scenarios.overrides import Override
+    from scenarios.runner import Beside
     from scenarios.schema import Scenario
     from scenarios.view.livepage import LivePage
 
@@ -26,9 +27,9 @@ examples:
 """
 _RUN_HELP = """\
 Runs a scenario and leaves in DIR: overview.png (a picture of it), report.html (a page that plays
-it back), summary.json (what came out),
-looks.csv, frames.csv, maps.csv, events.csv (what happened), one log per robot, host.json (what it
-cost this computer) and scenario.toml (the complete scenario: it can be run again).
+it back), summary.json (what came out), looks.csv, frames.csv, maps.csv, events.csv (what happened),
+run.mcap (maps, poses and links for ROS viewers), one log per robot, host.json (what it cost this
+computer) and scenario.toml (the complete scenario: it can be run again).
 """
 EXITS = """\
 exit codes: 0 ended in order, whatever the outcome; 1 a fault of the program; 2 bad input (nothing
@@ -63,6 +64,12 @@ def add(commands: Commands) -> None:
         dest="sets",
         help="change any key of the scenario, e.g. links.rate_bps=5000; may be repeated",
     )
+    run.add_argument(
+        "--no-merge", action="store_true", help="write no run.mcap (each robot's own log stays)"
+    )
+    run.add_argument(
+        "--ros2", action="store_true", help="publish its maps live into ROS 2 (see ropeteam ros2)"
+    )
     run.add_argument("--quiet", action="store_true", help="say nothing but errors")
     view = run.add_argument_group("live view")
     view.add_argument("--view", action="store_true", help="show the run in the browser")
@@ -79,8 +86,10 @@ def _run(args: argparse.Namespace) -> int:
     from sim.errors import WorldError
 
     page = _page(args)
+    beside = _in_ros2() if args.ros2 else None
+    how = {"quiet": args.quiet, "overwrite": args.overwrite, "merge": not args.no_merge}
     try:
-        run(scenario, out, quiet=args.quiet, overwrite=args.overwrite, page=page)
+        run(scenario, out, **how, page=page, beside=beside)
     except WorldError as error:
         raise ScenarioError([f"{args.scenario}: {error}"]) from error
     return OK
@@ -98,6 +107,18 @@ def _page(args: argparse.Namespace) -> "LivePage | None":
     from scenarios.view.livepage import LivePage
 
     return LivePage(port=args.port or 0, opens=not args.no_browser, paused=args.paused)
+
+
+def _in_ros2() -> "Beside":
+    """Return what publishes a run into ROS 2; refuse where no router answers."""
+    from functools import partial
+
+    from scenarios.commands.ros2 import ROUTER, check, domain_of
+    from scenarios.ros2.bridge import beside
+
+    domain = domain_of(None)
+    check(ROUTER)
+    return partial(beside, endpoint=ROUTER, domain=domain)
 
 
 def _load(args: argparse.Namespace) -> "Scenario":

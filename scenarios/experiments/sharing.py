@@ -111,7 +111,7 @@ def measure(trial: Trial) -> Sequence[Row]:
     }
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        run(scenario_of(trial), out, quiet=True, picture=False)
+        run(scenario_of(trial), out, quiet=True, picture=False, merge=False)
         samples = _samples(out)
         summary = json.loads((out / "summary.json").read_text())
         robots = len(summary["robots"])

@@ -66,7 +66,7 @@ def _measured(text: str, out: Path) -> Told:
     cv2 = importlib.import_module("cv2")
     cv2.setNumThreads(1)  # the other cores are for the other trials
     scenario = parse(tomllib.loads(text), "trial")
-    run(scenario, out, quiet=True, picture=False)
+    run(scenario, out, quiet=True, picture=False, merge=False)
     summary = (out / "summary.json").read_text()
     told = cast("dict[str, Any]", json.loads(summary))
     measures = measures_of(out, told, scenario.limit_s)
