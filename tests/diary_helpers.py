@@ -9,6 +9,7 @@ from agents.geometry import Floats, GridFrame, Pose
 from agents.ports import Exposure
 from comms.timebase import NS
 from scenarios.diary import Diary, PoseNote
+from scenarios.folder import MARK
 from scenarios.notebook import LogFile
 from scenarios.record import DELIVERED, FRAME_COLUMNS, write_table
 from scenarios.schema import Scenario, dump, load
@@ -45,6 +46,7 @@ def written_run(
 ) -> dict[str, Floats]:
     """Write a run of one robot's log into a folder; return its map at the end."""
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / MARK).touch()
     (folder / "scenario.toml").write_text(dump(scenario_of(kind, *overrides)))
     rng = np.random.default_rng(4)
     log = LogFile(folder / f"{ROBOTS[kind]}.mcap")

@@ -17,6 +17,10 @@ from scenarios.shelf import names
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+OF_FILES = tuple(
+    f"world.{key}" for key in ("map", "terrain.file", "terrain.cell_m", "terrain.grey")
+)
+"""Settings that need a file of the reader's."""
 LIBRARY = sorted((ROOT / "scenarios" / "library").glob("*.toml"))
 
 
@@ -59,7 +63,7 @@ def test_every_command_in_the_documents_is_understood(page: str, command: str) -
     args = make_parser().parse_args(argv)
     if args.command != "run":
         return
-    sets = [setting for setting in args.sets if "terrain.file" not in setting]
+    sets = [setting for setting in args.sets if not setting.startswith(OF_FILES)]
     changes = [parse_override(setting) for setting in sets]
     clock = [parse_override(f"clock.mode={args.clock}")] if args.clock else []
     speed = [parse_override(f"clock.speed={args.speed}")] if args.speed else []

@@ -10,7 +10,7 @@ import pytest
 import rasterio
 from diary_helpers import written_run
 from rasterio import Affine
-from run_helpers import SMALL
+from run_helpers import LOW_CLIFF, SMALL
 from test_docs import ROOT, blocks
 
 from scenarios import cli, runner
@@ -50,6 +50,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def run_of(argv: list[str], here: Path) -> None:
     planar = "planar" in argv
     sets = [one for one in SMALL if not (planar and one.startswith("map."))]
+    sets += LOW_CLIFF if "cliff" in argv else ()
     small = [word for one in (*sets, *BRIEF) for word in ("--set", one)]
     if "--out" not in argv:
         argv = [*argv, "--out", "out"]
