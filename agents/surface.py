@@ -33,7 +33,7 @@ class Shares(NamedTuple):
 
 WHOLE = Shares(1.0, 1.0)
 """All of it, as if each cell erred by itself."""
-APART = Shares(0.6, 0.4)
+APART = Shares(0.7, 0.4)
 """What was measured in missions: the levelling of a look, which errs for all its cells together, is
 most of their sigma. Single cells have long tails, so more of it is left to them."""
 

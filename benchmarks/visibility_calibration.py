@@ -22,7 +22,9 @@ from agents import gaze, looks, strategies, surface, visibility
 from agents.gaze import Ground, Lens
 from agents.geometry import Bools, Floats, Pose
 from agents.information import Interest
-from agents.layers import Anchor, Submap, bin_look
+from agents.layers import Anchor
+from agents.maps.elevation import Submap
+from agents.maps.elevationlook import bin_look
 from agents.scene import Scene, View
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 from sim.camera import Scene as Stage
