@@ -1,8 +1,7 @@
 """What every candidate look of a scene promises, and the plan that one of them becomes.
 
-At each position visibility is predicted once, for all bearings; the bits of its cells are binned
-by azimuth and elevation angle, and every heading and tilt is a sum over a window of these bins.
-Candidates are rated on a grid made coarser (2x2 means) where the sensor's range is more than
+All headings and tilts of a position share one sweep of its bearings (`agents.sweep`). Candidates
+are rated on a grid made coarser (2x2 means) where the sensor's range is more than
 `FINE_RANGE_CELLS` cells; the look chosen is worked out again on the map itself.
 """
 
@@ -11,14 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents import gaze, surface, visibility
+from agents import gaze, surface, sweep, visibility
 from agents.gaze import Ground, Lens
 from agents.geometry import Floats, GridFrame, Ints, Pose, Singles, wrap_angle
 from agents.scene import Scene, View
 from agents.settings import SensorSettings
 from agents.visibility import Patch
 
-FINE_RANGE_CELLS = 60
+FINE_RANGE_CELLS = 160
 """Candidates are rated on the map's own cells if the sensor reaches no more of them than this."""
 
 
@@ -69,21 +68,37 @@ class _Stage:
     ground: Ground
     sigma_m: Floats
 
-    def patch(self, eye_m: tuple[float, float, float], sensor: SensorSettings) -> Patch:
-        """Return the visibility about an eye (moved on the grid, if coarsening cut it off)."""
+    def inside(self, eye_m: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Return an eye, moved on the grid if coarsening cut it off."""
         west, east, south, north = self.frame.extent_m
-        inside = (
-            min(max(eye_m[0], west), math.nextafter(east, west)),
-            min(max(eye_m[1], south), math.nextafter(north, south)),
-            eye_m[2],
-        )
+        x_m = min(max(eye_m[0], west), math.nextafter(east, west))
+        y_m = min(max(eye_m[1], south), math.nextafter(north, south))
+        return (x_m, y_m, eye_m[2])
+
+    def patch(self, eye_m: tuple[float, float, float], sensor: SensorSettings) -> Patch:
+        """Return the visibility about an eye."""
         return visibility.predict(
             self.ground.height_m,
             self.sigma_m,
             self.frame,
-            inside,
+            self.inside(eye_m),
             range_m=sensor.range_m,
             near_m=sensor.near_m,
+        )
+
+    def gains(self, eyes_m: Floats, headings: Floats, tilts: Floats, view: View) -> Floats:
+        """Return the bits (N, headings, tilts) of looks from eyes (N, 3)."""
+        xyz = np.array([self.inside((x, y, z)) for x, y, z in eyes_m.tolist()])
+        cols = (xyz[:, 0] - self.frame.x_m) / self.frame.cell_m - 0.5
+        rows = (xyz[:, 1] - self.frame.y_m) / self.frame.cell_m - 0.5
+        return sweep.look_gains(
+            self.ground,
+            self.sigma_m,
+            np.column_stack((rows, cols, xyz[:, 2])),
+            headings,
+            tilts,
+            Lens.of(view.sensor),
+            (view.sensor.near_m, view.sensor.range_m),
         )
 
 
@@ -138,12 +153,8 @@ def look_gains(scene: Scene) -> Gains:
         tilts = tilts.min(keepdims=True)
     fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
     stage = _stage(scene, 1 if fine or min(view.frame.shape) < 4 else 2)
-    lens = Lens.of(view.sensor)
-    bits = np.empty((len(cells), len(headings), len(tilts)))
-    for n, (row, col) in enumerate(cells.tolist()):
-        patch = stage.patch(eye_at(scene, (row, col)), view.sensor)
-        bins = gaze.gain_bins(patch, stage.ground, lens)
-        bits[n] = gaze.look_gains(bins, headings, tilts, lens)
+    eyes_m = np.array([eye_at(scene, (row, col)) for row, col in cells.tolist()])
+    bits = stage.gains(eyes_m, headings, tilts, view)
     return Gains(cells, headings, tilts, bits, scene.travel[0][cells[:, 0], cells[:, 1]])
 
 

@@ -12,12 +12,13 @@ from comms.kernels import kernel
 
 CLEARANCE_WEIGHT = 3.0
 """By how much a cell beside a hazard costs more than open ground."""
-DOUBT_WEIGHT = 20.0
+DOUBT_WEIGHT = 100.0
 """By how much ground costs more that is all as rough as a hazard, but within the map's noise."""
 SURE_ON_TETHERS = 0.5
 """Ground whose sigma exceeds this share of a wheel may hide rocks: no tethered robot goes there."""
 LOW_ON_TETHERS = 0.8
-"""On tethers, what stands out by this share of a wheel is a rock, though it might be noise."""
+"""On tethers, what stands out by this share of a wheel is a rock, though it might be noise, if two
+by two cells show it (after a mean, `surface.CALM_ROCK` of it); a single cell by a whole wheel."""
 LEG_EXCESS = 1.02
 """A straight leg may cost that much more than the grid path it replaces: it is smoother."""
 
@@ -233,7 +234,7 @@ def traversability(
     ground whose sigma exceeds a wheel (on tethers half of one: rocks must be seen), and
     whatever is nearer than half a footprint to one of these; up to one footprint farther the cost
     rises towards the hazard (by up to 3). Ground that is rough under the footprint, but not surely
-    a hazard, costs up to 20 more: a way round is worth it.
+    a hazard, costs up to 100 more: a way round is worth it.
 
     Args:
         elevation_m: (H, W), NaN where unknown.
@@ -244,13 +245,14 @@ def traversability(
         return np.full(elevation_m.shape, np.inf)
     whole = markov.complete(elevation_m)
     sigma = np.where(known, sigma_m, 0.0)
-    rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma)
+    shares = surface.APART if tethered else surface.WHOLE
+    rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma, shares)
     # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
     unsure = surface.mean_over(sigma, 3) > (SURE_ON_TETHERS if tethered else 1.0) * wheel_m
     blocked = rough.hazard | (known & unsure)
     if tethered:
-        standing_m = surface.standing_out(whole, wheel_m, footprint_m, cell_m)
-        blocked |= standing_m > LOW_ON_TETHERS * wheel_m
+        blocked |= rough.raw_m > wheel_m
+        blocked |= rough.calm_m > surface.CALM_ROCK * LOW_ON_TETHERS * wheel_m
     blocked |= markov.distance_to_known_m(known, cell_m) > wheel_m
     cost = _with_clearance(blocked, footprint_m, cell_m)
     cost += DOUBT_WEIGHT * surface.mean_over(rough.doubt, surface.odd_cells(footprint_m, cell_m))

@@ -18,6 +18,24 @@ COMPARED = 1.46
 """Sigmas of one cell in a ledge's comparison of four cells: sqrt(2 + 2 / 16)."""
 CALM = 0.45
 """Share of white noise that a 1-2-1 mean leaves in such a comparison (0.375 and correlation)."""
+CALM_ROCK = 0.5625
+"""Share of its height that a 1-2-1 mean leaves of a rock of two by two cells."""
+
+
+class Shares(NamedTuple):
+    """Which share of a cell's sigma its neighbours do not have too, in a comparison."""
+
+    raw: float
+    """Of single cells."""
+    calm: float
+    """After a 1-2-1 mean."""
+
+
+WHOLE = Shares(1.0, 1.0)
+"""All of it, as if each cell erred by itself."""
+APART = Shares(0.7, 0.4)
+"""What was measured in missions: the levelling of a look, which errs for all its cells together, is
+most of their sigma. Single cells have long tails, so more of it is left to them."""
 
 
 def odd_cells(length_m: float, cell_m: float) -> int:
@@ -72,15 +90,24 @@ def smoothed(surface_m: Floats) -> Floats:
 
 
 class Roughness(NamedTuple):
-    """What wheels should not meet; both (H, W)."""
+    """What wheels should not meet; all (H, W)."""
 
     hazard: Bools
     doubt: Floats
     """In [0, 1]: how nearly a cell is a hazard, noise taken at face value."""
+    raw_m: Floats
+    """Height of the rock or ledge at each cell, noise included."""
+    calm_m: Floats
+    """The same after a 1-2-1 mean, which lowers small rocks too."""
 
 
 def roughness(
-    surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float, sigma_m: Floats
+    surface_m: Floats,
+    wheel_m: float,
+    footprint_m: float,
+    cell_m: float,
+    sigma_m: Floats,
+    shares: Shares = WHOLE,
 ) -> Roughness:
     """Find the cells that hold a rock or a ledge higher than half a wheel.
 
@@ -92,13 +119,16 @@ def roughness(
     What the noise of single cells (`sigma_m`, (H, W)) explains is no hazard, or a whole noisy map
     would be one: heights are compared twice, as they are and after a 1-2-1 mean, which leaves
     `CALM` of the noise, and each time something must stand out `SURE` sigmas of the comparison.
+    `shares` of `sigma_m` count as noise.
     """
     calm = standing_out(smoothed(surface_m), wheel_m, footprint_m, cell_m)
     raw = standing_out(surface_m, wheel_m, footprint_m, cell_m)
     noise_m = SURE * COMPARED * sigma_m
     limit_m = 0.5 * wheel_m
-    hazard = (raw > np.maximum(limit_m, noise_m)) | (calm > np.maximum(limit_m, CALM * noise_m))
-    return Roughness(hazard, np.minimum(1.0, calm / limit_m) ** 2)
+    hazard = (raw > np.maximum(limit_m, shares.raw * noise_m)) | (
+        calm > np.maximum(limit_m, shares.calm * CALM * noise_m)
+    )
+    return Roughness(hazard, np.minimum(1.0, calm / limit_m) ** 2, raw, calm)
 
 
 def standing_out(surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float) -> Floats:

@@ -1,53 +1,36 @@
-"""Which cells an eye is likely to see: Sujan & Meggiolaro, Eq. 5.
+"""Which cells an eye is likely to see: Sujan & Meggiolaro, Eq. 5, and how it is mended.
 
 The paper multiplies Phi((ray_z(j) - h_j) / sigma_j) over the cells j under the ray to a target,
-as if the errors of neighbouring heights were independent. They are not: ground is smooth, and an
-estimate errs for a whole stretch at once. On open ground every cell just in front of a grazing
-target would count about 0.5, and a hundred of them hide everything. So here
-
-    P_i = min over cells j under the ray of Phi((ray_z(j) - h_j) / sigma_ij)
-    sigma_ij^2 = sigma_j^2 + (q sigma_i)^2 - 2 rho q sigma_j sigma_i
-    rho = exp(-distance_ij / CORRELATED_M)
-
-where q = r_j / r_i is how much of the target's error the ray has at j: the errors along one ray
-stand or fall together, so the worst obstruction decides. The last `REACH_M` before the target
-share its error wholly and hide it by geometry alone, where they rise `RISE_SIGMAS` of their own
-above the ray. Both lengths were set by comparison with frequencies on made and real rough ground,
-partly known: of measured cells 95.5 % were visible and 95.1 % foretold (nearly all of them
-below 0.05 or above 0.95, where 11 % and 99.6 % were visible), of estimated ones 79 % and 70 %.
+as if each cell erred and hid by itself. On open ground every cell just in front of a grazing
+target then counts about 0.5, and a dozen of them hide everything. `law="product"` is the paper's
+(`agents.rayproduct`); robots use `law="crest"`, where the worst obstruction decides
+(`agents.crests`). Its lengths were set by what a simulated camera did measure;
+`benchmarks/visibility_calibration.py` compares both laws with it on other ground, and
+`docs/information.md` has the figure.
 
 Heights under the ray are those of the cells that the ray's points, one cell length apart, fall
 in; the ray's bearing is the nearest of a fan whose neighbours are one cell apart at full range, so
-it passes a target's centre within half a cell. A fan is laid once per eye: the slope at which each
-point is seen, and per block of points the steepest slope that any of them may hide, so that
-most blocks are passed over by one comparison.
+it passes a target's centre within half a cell. The fan is laid once per eye.
 """
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from agents import crests, rayproduct
+from agents.crests import LIFT_CELLS, chance_past, phi, shared_points
 from agents.errors import AgentError
 from agents.geometry import Floats, GridFrame, Singles
+from agents.rayproduct import Fan
 from comms import kernels
 from comms.kernels import kernel
 
-BLOCK = 8
-"""Points of a ray that are passed over together."""
-REACH_M = 0.3
-"""Obstructions this near to the target share its error."""
-CORRELATED_M = 4.0
-"""Distance at which the correlation of two cells' errors has fallen to 1/e."""
-RISE_SIGMAS = 2.0
-"""By how many of its own sigmas ground just before a target must rise to hide it."""
-CERTAIN = 4.0
-"""Sigmas of clearance that count as certainty (1 - Phi = 3e-5)."""
-HIDDEN = -3.7
-"""Sigmas of clearance below which a probability is taken as 0 (Phi = 1e-4)."""
-LEAST_SIGMA_M = 1e-4
+__all__ = ["Eye", "Law", "Patch", "VisibilityError", "phi", "predict"]
+
+Law = Literal["crest", "product"]
 
 
 class VisibilityError(AgentError):
@@ -102,110 +85,6 @@ class Patch:
         return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-class Fan(NamedTuple):
-    """Rays laid from an eye; arrays (bearings, points) but the last two."""
-
-    slope: np.ndarray
-    """Rise over run at which a point is seen; very low off the map."""
-    spread: np.ndarray
-    """Standard deviation of the slope."""
-    top: np.ndarray
-    """(bearings, blocks) steepest slope that a point of the block may still hide."""
-    rho: np.ndarray
-    """(points,) correlation of the errors of points so many apart."""
-
-
-class Reach(NamedTuple):
-    """Limits of a prediction: near and far in metres, the target's reach in points."""
-
-    near_m: float
-    far_m: float
-    shared: int
-
-
-@kernel
-def phi(z: float) -> float:
-    """Return the standard normal distribution function."""
-    return 0.5 * math.erfc(-z * 0.7071067811865476)
-
-
-@kernel
-def _lay(surface: np.ndarray, sigma: np.ndarray, eye: Eye, cell: float, fan: Fan) -> None:
-    """Fill a fan; points off the map obstruct nothing."""
-    bearings, points = fan.slope.shape
-    h, w = surface.shape
-    fan.top[:] = -1e30
-    fan.slope[:] = -1e30
-    fan.spread[:] = 1.0
-    for b in range(bearings):
-        angle = 2.0 * math.pi * b / bearings
-        dy, dx = math.sin(angle), math.cos(angle)
-        for k in range(points):
-            steps = k + 1.0
-            i = math.floor(eye.row + steps * dy + 0.5)
-            j = math.floor(eye.col + steps * dx + 0.5)
-            if i < 0 or j < 0 or i >= h or j >= w:
-                break
-            spread = max(sigma[i, j], LEAST_SIGMA_M) / (steps * cell)
-            slope = (surface[i, j] - eye.z_m) / (steps * cell)
-            fan.spread[b, k], fan.slope[b, k] = spread, slope
-            fan.top[b, k // BLOCK] = max(fan.top[b, k // BLOCK], slope + CERTAIN * spread)
-
-
-@kernel
-def _clear(fan: Fan, b: int, target: tuple[float, float], count: int, reach: Reach) -> float:
-    """Return the chance that a ray to a target (slope, its spread) clears `count` points."""
-    slope, spread = target
-    start = max(0, count - reach.shared)
-    for k in range(start, count):
-        if fan.slope[b, k] - slope > RISE_SIGMAS * fan.spread[b, k]:
-            return 0.0
-    least = CERTAIN * CERTAIN
-    for n in range((start + BLOCK - 1) // BLOCK):
-        if fan.top[b, n] + CERTAIN * spread <= slope:
-            continue
-        for k in range(n * BLOCK, min(start, (n + 1) * BLOCK)):
-            free = slope - fan.slope[b, k]
-            own = fan.spread[b, k]
-            squared = own * own + spread * (spread - 2.0 * fan.rho[count - k] * own)
-            least = min(least, free * abs(free) / max(squared, 1e-12))
-        if least < -HIDDEN * HIDDEN:
-            return 0.0
-    if least >= CERTAIN * CERTAIN:
-        return 1.0
-    return phi(math.copysign(math.sqrt(abs(least)), least))
-
-
-@kernel
-def _predict(
-    surface: np.ndarray, sigma: np.ndarray, eye: Eye, cell: float, reach: Reach, fan: Fan
-) -> np.ndarray:
-    """Return Eq. 5 for the whole square about the eye that lies on the map."""
-    row0, row1, col0, col1 = window(eye, reach.far_m, cell, surface.shape)
-    _lay(surface, sigma, eye, cell, fan)
-    bearings = fan.slope.shape[0]
-    turn = bearings / (2.0 * math.pi)
-    out = np.zeros((row1 - row0, col1 - col0), dtype=np.float32)
-    for i in range(row0, row1):
-        dy = i - eye.row
-        for j in range(col0, col1):
-            dx = j - eye.col
-            flat = math.sqrt(dx * dx + dy * dy)
-            run = flat * cell
-            rise = surface[i, j] - eye.z_m
-            distance = math.sqrt(run * run + rise * rise)
-            if distance > reach.far_m or distance < reach.near_m:
-                continue
-            if flat < 1.0:
-                out[i - row0, j - col0] = 1.0
-                continue
-            b = math.floor(math.atan2(dy, dx) * turn + 0.5) % bearings
-            target = (rise / run, sigma[i, j] / run)
-            count = math.floor(flat + 0.5) - 1
-            out[i - row0, j - col0] = _clear(fan, b, target, count, reach)
-    return out
-
-
 @kernel
 def window(
     eye: Eye, far_m: float, cell: float, shape: tuple[int, int]
@@ -221,6 +100,57 @@ def window(
     )
 
 
+@kernel
+def _predict(
+    surface: np.ndarray,
+    sigma: np.ndarray,
+    eye: Eye,
+    cell: float,
+    limits: tuple[float, float],
+    crest: np.ndarray,
+    fan: Fan,
+) -> np.ndarray:
+    """Return the chance of every cell in the square about an eye that lies on the map.
+
+    `limits` are near and far; `fan` is empty for the crest law, `crest` for the product law.
+    """
+    near, far = limits
+    row0, row1, col0, col1 = window(eye, far, cell, surface.shape)
+    bearings = max(crest.shape[0], fan.slope.shape[0])
+    turn = bearings / (2.0 * math.pi)
+    out = np.zeros((row1 - row0, col1 - col0), dtype=np.float32)
+    for i in range(row0, row1):
+        dy = i - eye.row
+        for j in range(col0, col1):
+            dx = j - eye.col
+            flat = math.sqrt(dx * dx + dy * dy)
+            run = flat * cell
+            rise = surface[i, j] - eye.z_m
+            squared = run * run + rise * rise
+            if squared > far * far or squared < near * near:
+                continue
+            if flat < 1.0:
+                out[i - row0, j - col0] = 1.0
+                continue
+            b = math.floor(math.atan2(dy, dx) * turn + 0.5)
+            b += bearings if b < 0 else 0
+            k = int(flat + 0.5) - 1
+            if crest.shape[0] == 0:
+                out[i - row0, j - col0] = rayproduct.chance_along(fan, b, rise / run, k)
+            else:
+                slope = (rise + LIFT_CELLS * cell) / run
+                if slope >= crest[b, k, 4]:
+                    out[i - row0, j - col0] = chance_past(
+                        slope,
+                        sigma[i, j] / run,
+                        crest[b, k, 0],
+                        crest[b, k, 1],
+                        crest[b, k, 2],
+                        crest[b, k, 3],
+                    )
+    return out
+
+
 def predict(
     completed_m: Floats,
     sigma_m: Floats,
@@ -229,6 +159,7 @@ def predict(
     *,
     range_m: float,
     near_m: float,
+    law: Law = "crest",
 ) -> Patch:
     """Return each cell's probability of being visible from an eye, over all bearings (Eq. 5).
 
@@ -239,6 +170,8 @@ def predict(
         eye_xyz: the camera's centre, metres.
         range_m: depth of field, along the ray.
         near_m: nearest distance at which the sensor measures.
+        law: "crest", ours, which says how often cells are in fact seen; "product", the paper's
+            Eq. 5 to within 1e-3.
 
     Raises:
         VisibilityError: the eye lies outside the map, or `range_m` is not positive.
@@ -253,16 +186,16 @@ def predict(
         (eye_xyz[0] - frame.x_m) / frame.cell_m - 0.5,
         float(eye_xyz[2]),
     )
-    reach = Reach(near_m, range_m, shared_points(frame.cell_m))
-    fan = _empty_fan(range_m, frame.cell_m)
-    p = _predict(completed_m, sigma_m, eye, frame.cell_m, reach, fan)
+    bearings, points = fan_size(range_m, frame.cell_m)
+    crest = np.empty((bearings if law == "crest" else 0, points + 1, 5), dtype=np.float32)
+    fan = rayproduct.empty_fan(bearings if law == "product" else 0, points)
+    if law == "crest":
+        crests.lay(completed_m, sigma_m, eye, frame.cell_m, shared_points(frame.cell_m), crest)
+    else:
+        rayproduct.lay(completed_m, sigma_m, eye, frame.cell_m, fan)
+    p = _predict(completed_m, sigma_m, eye, frame.cell_m, (near_m, range_m), crest, fan)
     row0, row1, col0, col1 = window(eye, range_m, frame.cell_m, frame.shape)
     return Patch(row0, col0, p, completed_m[row0:row1, col0:col1], eye, frame.cell_m)
-
-
-def shared_points(cell_m: float) -> int:
-    """Return how many points before a target share its error."""
-    return round(REACH_M / cell_m)
 
 
 def fan_size(range_m: float, cell_m: float) -> tuple[int, int]:
@@ -270,19 +203,11 @@ def fan_size(range_m: float, cell_m: float) -> tuple[int, int]:
     return max(16, math.ceil(2.0 * math.pi * range_m / cell_m)), math.ceil(range_m / cell_m) + 1
 
 
-def _empty_fan(range_m: float, cell_m: float) -> Fan:
-    bearings, points = fan_size(range_m, cell_m)
-    return Fan(
-        np.zeros((bearings, points)),
-        np.zeros((bearings, points)),
-        np.zeros((bearings, (points + BLOCK - 1) // BLOCK)),
-        np.exp(-np.arange(points + 1) * cell_m / CORRELATED_M),
-    )
-
-
 @kernels.warmer
 def warm() -> None:
     """Compile the kernels of this module."""
     frame = GridFrame(0.0, 0.0, 1.0, 8, 8)
     ground = np.zeros(frame.shape)
-    predict(ground, ground + 0.1, frame, (4.0, 4.0, 1.0), range_m=4.0, near_m=0.1)
+    laws: tuple[Law, ...] = ("crest", "product")
+    for law in laws:
+        predict(ground, ground + 0.1, frame, (4.0, 4.0, 1.0), range_m=4.0, near_m=0.1, law=law)

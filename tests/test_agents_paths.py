@@ -166,3 +166,42 @@ def test_the_noise_of_single_cells_is_no_hazard_but_ground_that_nobody_is_sure_o
     assert np.isfinite(cost_of(noisy, False, sigma=0.03)).mean() > 0.95
     assert np.isfinite(cost_of(noisy, False, sigma=1e-6)).mean() < 0.5
     assert np.isinf(cost_of(slope(5), False, sigma=0.5)).all()
+
+
+def on_tethers(height_m, side, sigma_m=0.05):
+    """Return what a slope costs on tethers with one rock of so many cells a side in the middle."""
+    z = slope(30)
+    z[40 : 40 + side, 40 : 40 + side] += height_m
+    return cost_of(z, True, sigma=sigma_m)
+
+
+@pytest.mark.parametrize(
+    ("height_m", "side", "barred"),
+    [
+        (0.17, 2, True),  # over 0.8 of a wheel, and two by two cells show it
+        (0.15, 2, False),
+        (0.21, 1, True),  # over a wheel: barred, though one cell may err so
+        (0.17, 1, False),  # within four sigmas of what a single cell errs against its neighbours
+    ],
+)
+def test_on_tethers_a_rock_is_barred_from_the_height_that_the_rule_names(height_m, side, barred):
+    here = on_tethers(height_m, side)[40, 40]
+    assert np.isinf(here) == barred
+    if not barred:
+        assert here > 3 * on_tethers(0.0, 1)[40, 40], "what is almost a rock is gone round"
+
+
+def test_a_way_on_tethers_keeps_clear_of_what_is_almost_a_rock():
+    cost = on_tethers(0.15, 2)
+    _, parent = travel_field(cost, np.array([[20, 40]]), 0.1)
+    cells = straight_legs(path_to(parent, (60, 40)), cost)
+    legs = [np.linspace(a, b, 50) for a, b in itertools.pairwise(cells)]
+    apart = np.hypot(*(np.concatenate(legs) - 40.5).T)
+    assert apart.min() > 0.5 * SIZES["footprint_m"] / 0.1
+
+
+def test_what_cells_err_all_together_hides_no_rock_on_tethers():
+    sigma_m = 0.09
+    assert np.isinf(on_tethers(0.2, 3, sigma_m)[41, 41])
+    apart = np.random.default_rng(4).normal(scale=0.35 * sigma_m, size=(80, 80))
+    assert np.isfinite(cost_of(slope(30) + apart, True, sigma=sigma_m)).mean() > 0.9
