@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agents.geometry import Bools, Floats, Singles
+from agents.geometry import Bools, Floats, Ints, Singles
 from agents.settings import SensorSettings
 from agents.visibility import Eye, Patch
 from comms import kernels
@@ -135,6 +135,13 @@ def gain_bins(patch: Patch, ground: Ground, lens: Lens) -> Floats:
     chance = measured_chance(patch, ground, lens)
     _bin_gains(chance, ground, patch.eye, (patch.row0, patch.col0), bins)
     return bins
+
+
+def bins_of(rise_rad: Floats, azimuth_rad: Floats) -> Ints:
+    """Return the flat indices (N,) of the bins in which elevation angles and azimuths fall."""
+    angle = np.floor((rise_rad / math.pi + 0.5) * ANGLE_BINS).astype(np.int64)
+    turn = np.floor(azimuth_rad / (2.0 * math.pi) * AZIMUTH_BINS).astype(np.int64) % AZIMUTH_BINS
+    return np.clip(angle, 0, ANGLE_BINS - 1) * AZIMUTH_BINS + turn
 
 
 @kernel

@@ -62,7 +62,7 @@ class Gains:
 
 
 @dataclass(frozen=True)
-class _Stage:
+class Stage:
     """The scene on the grid on which looks are rated."""
 
     frame: GridFrame
@@ -87,7 +87,14 @@ class _Stage:
         )
 
 
-def _stage(scene: Scene, factor: int) -> _Stage:
+def stage_of(scene: Scene) -> Stage:
+    """Return a scene on the grid on which its candidates are rated."""
+    view = scene.view
+    fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
+    return _stage(scene, 1 if fine or min(view.frame.shape) < 4 else 2)
+
+
+def _stage(scene: Scene, factor: int) -> Stage:
     """Join factor x factor cells: mean heights, root mean square sigma, summed worth."""
     frame = scene.view.frame
     joined = GridFrame(
@@ -111,7 +118,7 @@ def _stage(scene: Scene, factor: int) -> _Stage:
         joined.cell_m,
         frame.cell_m,
     )
-    return _Stage(joined, ground, np.sqrt(mean(scene.sigma_m**2)))
+    return Stage(joined, ground, np.sqrt(mean(scene.sigma_m**2)))
 
 
 def eye_at(scene: Scene, cell: tuple[int, int]) -> tuple[float, float, float]:
@@ -136,8 +143,7 @@ def look_gains(scene: Scene) -> Gains:
     cells = scene.candidates
     if len(cells) == 1:
         tilts = tilts.min(keepdims=True)
-    fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
-    stage = _stage(scene, 1 if fine or min(view.frame.shape) < 4 else 2)
+    stage = stage_of(scene)
     lens = Lens.of(view.sensor)
     bits = np.empty((len(cells), len(headings), len(tilts)))
     for n, (row, col) in enumerate(cells.tolist()):

@@ -10,6 +10,7 @@ import numpy as np
 from agents import edge, markov, paths, surface
 from agents.errors import AgentError
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
+from agents.outlook.line import behind_line
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 from agents.visibility import phi
 
@@ -59,8 +60,19 @@ class View:
 class Scene:
     """What follows from one view, each part worked out once and only when asked for."""
 
-    def __init__(self, view: View) -> None:
-        """Check the view; raise `ViewError` if the robot is off the map or a grid's shape wrong."""
+    def __init__(
+        self,
+        view: View,
+        *,
+        straight_edge: bool = False,
+        again: float = 1.0,
+        trust: Floats | None = None,
+    ) -> None:
+        """Check the view; raise `ViewError` if the robot is off the map or a grid's shape wrong.
+
+        With `straight_edge` the robot stays behind a straight line instead of inside the polygon.
+        What a cell is worth is multiplied by `again` if it was measured, by `trust` (H, W) if not.
+        """
         row, col = view.frame.cell_of(view.pose.x_m, view.pose.y_m)
         if not view.frame.holds(row, col):
             raise ViewError(f"the robot at {view.pose} lies outside the map {view.frame.extent_m}")
@@ -71,6 +83,9 @@ class Scene:
                 )
         self.view = view
         self.cell = (row, col)
+        self._straight_edge = straight_edge
+        self._again = again
+        self._trust = trust
 
     @cached_property
     def seeded_m(self) -> Floats:
@@ -114,6 +129,9 @@ class Scene:
         view = self.view
         filled = np.minimum(view.looks / view.planner.n_max, 1.0)
         worth = (1.0 - filled) * view.interest
+        worth[view.looks > 0] *= self._again
+        if self._trust is not None:
+            worth[view.looks == 0] *= self._trust[view.looks == 0]
         for x_m, y_m, radius_m in view.claims:
             worth[self._within(x_m, y_m, radius_m)] *= CLAIMED
         for x_m, y_m, radius_m in view.wishes:
@@ -186,7 +204,16 @@ class Scene:
             self.edge, self.ground_m, self.trusted_distance_m, self.sigma_m, **sizes
         )
         inset_m = drive.wheel_m + 0.5 * drive.footprint_m
-        cost = np.where(layers.drivable(inset_m), 1.0, np.inf)
+        free = layers.drivable(inset_m)
+        if self._straight_edge:
+            free &= behind_line(
+                self.edge.plateau,
+                view.elevation_m,
+                self.cell,
+                wheel_m=drive.wheel_m,
+                cell_m=view.frame.cell_m,
+            )
+        cost = np.where(free, 1.0, np.inf)
         if np.isinf(cost[self.cell]):
             beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
             inward = layers.rim_m >= min(inset_m, layers.rim_m[self.cell])
