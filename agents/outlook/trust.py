@@ -12,9 +12,9 @@ import numpy as np
 from agents.geometry import Floats
 from agents.scene import View
 
-NEAR_M = 0.6
+NEAR_M = 1.5
 """Standard deviation of the bell by which neighbours count."""
-BEFORE = 0.3
+BEFORE = 0.2
 """Tries that are taken to have succeeded before any was made, per cell of the bell."""
 
 
