@@ -25,8 +25,15 @@ from scenarios.realtime import RealMemoryCrew, RealRun
 from scenarios.record import write_atomic
 from scenarios.report import report
 from scenarios.schema import Scenario, dump
-from scenarios.stage import set_stage
-from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
+from scenarios.stage import Stage, set_stage
+from scenarios.summary import (
+    HostCost,
+    ProcessCost,
+    RobotFinal,
+    host_facts,
+    summarise,
+    write_json,
+)
 from scenarios.virtual import VirtualRun
 
 
@@ -37,6 +44,9 @@ class RunResult:
     outcome: str
     summary: dict[str, Any]
     out: Path
+    stage: Stage
+    finals: list[RobotFinal]
+    """The robots as they ended, with their maps."""
 
 
 class RobotFaultError(Exception):
@@ -150,7 +160,7 @@ def _write_up(
             raise RobotFaultError(actor.name, actor.fault)
     if play.ending == "interrupted":
         raise KeyboardInterrupt
-    return RunResult(ending.outcome, summary, out)
+    return RunResult(ending.outcome, summary, out, stage, finals)
 
 
 def _compile(view: LiveView) -> float:

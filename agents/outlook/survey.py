@@ -61,6 +61,13 @@ class Survey:
         """(cells,) what the stage's cells are worth: one fresh cell of the map is 1."""
         return self._stage.ground.worth.ravel()
 
+    def joined(self, worth: Floats) -> Floats:
+        """Return a worth (H, W) of the map's cells as that of the stage's (cells,)."""
+        rows, cols = self._stage.frame.shape
+        factor = self.scene.view.frame.rows // rows
+        blocks = worth[: rows * factor, : cols * factor].reshape(rows, factor, cols, factor)
+        return np.asarray(blocks.sum(axis=(1, 3)), dtype=np.float64).ravel()
+
     def site(self, cell: tuple[int, int]) -> Site:
         """Return what a place shows."""
         patch = self._stage.patch(eye_at(self.scene, cell), self.scene.view.sensor)
