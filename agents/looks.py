@@ -14,6 +14,7 @@ import numpy as np
 from agents import gaze, surface, visibility
 from agents.gaze import Ground, Lens
 from agents.geometry import Floats, GridFrame, Ints, Pose, Singles, wrap_angle
+from agents.markov import Border
 from agents.scene import Scene, View
 from agents.settings import SensorSettings
 from agents.visibility import Patch
@@ -109,7 +110,7 @@ def _stage(scene: Scene, factor: int) -> Stage:
         blocks = values[: joined.rows * factor, : joined.cols * factor]
         return blocks.reshape(joined.rows, factor, joined.cols, factor).mean(axis=(1, 3))
 
-    north, east = surface.gradient(surface.smoothed(mean(scene.ground_m)), joined.cell_m)
+    north, east = surface.gradient(surface.smoothed(mean(scene.sight_m)), joined.cell_m)
     ground = Ground(
         mean(scene.obstacles_m),
         north,
@@ -153,13 +154,15 @@ def look_gains(scene: Scene) -> Gains:
     return Gains(cells, headings, tilts, bits, scene.travel[0][cells[:, 0], cells[:, 1]])
 
 
-def expected_visibility(view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
+def expected_visibility(
+    view: View, pose: Pose, pan_rad: float, tilt_rad: float, *, sight: Border = "low"
+) -> Singles:
     """Return each cell's probability (H, W) of being measured in a look from a pose.
 
     Eq. 5 inside the field of view, times the chance that a ray falls on the cell at all. Its sum is
-    the look's expected cells; `Interest.update` takes it as P of Eq. 9.
+    the look's expected cells; `Interest.update` takes it as P of Eq. 9. `sight` as of `Scene`.
     """
-    scene = Scene(replace(view, pose=pose))
+    scene = Scene(replace(view, pose=pose), sight=sight)
     eye = (pose.x_m, pose.y_m, pose.z_m + view.sensor.height_m)
     return _expected(scene, eye, wrap_angle(pose.yaw_rad + pan_rad), tilt_rad)
 
@@ -174,7 +177,7 @@ def _expected(
     cut = (slice(patch.row0, patch.row0 + h), slice(patch.col0, patch.col0 + w))
     seen = gaze.measured_chance(patch, stage.ground, lens)
     seen[~gaze.in_view(patch, heading_rad, tilt_rad, lens)] = 0.0
-    seen[(scene.obstacles_m > scene.ground_m)[cut]] = 0.0
+    seen[(scene.obstacles_m > scene.sight_m)[cut]] = 0.0
     whole = np.zeros(view.frame.shape, dtype=np.float32)
     whole[cut] = seen
     return whole

@@ -67,11 +67,14 @@ class Scene:
         straight_edge: bool = False,
         again: float = 1.0,
         trust: Floats | None = None,
+        sight: markov.Border = "low",
     ) -> None:
         """Check the view; raise `ViewError` if the robot is off the map or a grid's shape wrong.
 
         With `straight_edge` the robot stays behind a straight line instead of inside the polygon.
         What a cell is worth is multiplied by `again` if it was measured, by `trust` (H, W) if not.
+        `sight` is the border of the completed ground on which looks are foretold; whoever drives
+        reckons with a low one.
         """
         row, col = view.frame.cell_of(view.pose.x_m, view.pose.y_m)
         if not view.frame.holds(row, col):
@@ -86,6 +89,7 @@ class Scene:
         self._straight_edge = straight_edge
         self._again = again
         self._trust = trust
+        self._sight: markov.Border = sight
 
     @cached_property
     def seeded_m(self) -> Floats:
@@ -102,6 +106,13 @@ class Scene:
         return markov.complete(self.seeded_m, border="low")
 
     @cached_property
+    def sight_m(self) -> Floats:
+        """(H, W) completed elevation, as it is taken to be for looks."""
+        if self._sight == "low":
+            return self.ground_m
+        return markov.complete(self.seeded_m, border=self._sight)
+
+    @cached_property
     def known_distance_m(self) -> Floats:
         """(H, W) distance to measured ground, wheels included."""
         return markov.distance_to_known_m(~np.isnan(self.seeded_m), self.view.frame.cell_m)
@@ -116,8 +127,8 @@ class Scene:
 
     @cached_property
     def obstacles_m(self) -> Floats:
-        """(H, W) the ground with team-mates standing on it."""
-        raised = self.ground_m.copy()
+        """(H, W) the ground, as it is taken to be for looks, with team-mates standing on it."""
+        raised = self.sight_m.copy()
         for mate in self.view.others:
             body = self._within(mate.x_m, mate.y_m, 0.5 * self.view.drive.footprint_m)
             raised[body] = np.maximum(raised[body], mate.z_m + BODY_M)

@@ -35,8 +35,8 @@ def place_team(
 
     With a "cliffbot" or a "recon" among the roles the team stands round the lip of the best drop
     near the middle: the Cliff-bot at the lip and facing down, "anchor"s to its left and right, all
-    others some metres behind. Without one they gather round the middle of the ground. `radius_m` is the
-    radius of the circle that a robot covers. Raises WorldError where the ground has no room.
+    others some metres behind. Without one they gather round the middle of the ground. `radius_m` is
+    the radius of the circle that a robot covers. Raises WorldError where the ground has no room.
     """
     footing = Footing(terrain, 2 * radius_m, WHEEL_M)
     standable = largest_regions(

@@ -19,14 +19,16 @@ import math
 
 import numpy as np
 
-from agents.geometry import Floats, Ints
-from agents.looks import Gains, LookPlan, plan
-from agents.outlook.base import Rated
+from agents.geometry import Floats, Ints, Pose, Singles
+from agents.looks import Gains, LookPlan, expected_visibility, plan
 from agents.outlook.survey import Look, Site, Survey, after
 from agents.outlook.trust import trust
+from agents.markov import Border
 from agents.rating import rate
 from agents.scene import Scene, View
 
+SIGHT: Border = "mirror"
+"""Unknown ground is taken to go on as the known does at its rim, not to fall away."""
 AGAIN = 0.15
 """What a cell counts that was measured, but not yet `n_max` times."""
 DEPTH = 3
@@ -40,8 +42,12 @@ REFINED = ((4, 2), (1, 1))
 """Half widths and steps, in cells, of the squares in which a place is refined."""
 
 
-class TeamInformation(Rated):
+class TeamInformation:
     """Ours; see above."""
+
+    def expect(self, view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
+        """Return each cell's probability (H, W) of being measured in a look from a pose."""
+        return expected_visibility(view, pose, pan_rad, tilt_rad, sight=SIGHT)
 
     def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
         """Return the first look of the best route found, None where no look is worth it."""
@@ -52,7 +58,7 @@ class _Choice:
     """One choice in the making."""
 
     def __init__(self, view: View) -> None:
-        self.scene = Scene(view, again=AGAIN, trust=trust(view))
+        self.scene = Scene(view, again=AGAIN, trust=trust(view), sight=SIGHT)
         self.survey = Survey(self.scene)
         self.cells = self.scene.candidates
         self.sites = [self._site(cell) for cell in self.cells]
