@@ -18,13 +18,14 @@ from scenarios.commands import (
     replay,
     run,
     shelf,
+    show,
     stereo,
     sweep,
 )
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, show)
 
 
 class _Version(argparse.Action):

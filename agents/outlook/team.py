@@ -21,9 +21,9 @@ import numpy as np
 
 from agents.geometry import Floats, Ints, Pose, Singles
 from agents.looks import Gains, LookPlan, expected_visibility, plan
+from agents.markov import Border
 from agents.outlook.survey import Look, Site, Survey, after
 from agents.outlook.trust import trust
-from agents.markov import Border
 from agents.rating import rate
 from agents.scene import Scene, View
 
