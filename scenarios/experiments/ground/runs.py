@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from agents import strategies
-from scenarios.errors import UsageError
+from scenarios.errors import StudyError, UsageError
 from scenarios.experiments.frame import Options
 from scenarios.experiments.ground import grids, oracle
 from scenarios.experiments.ground.accuracy import accuracy
@@ -19,6 +19,7 @@ from scenarios.experiments.tables import Row
 from scenarios.runner import RunResult, run
 from scenarios.schema import Scenario, load
 from scenarios.stage import set_stage
+from sim.errors import WorldError
 
 PAPER = (
     "raster",
@@ -82,10 +83,10 @@ def trials_of(site: str, options: Options, methods: Sequence[str], air: str) -> 
         for name in chosen
     ]
     made = [trial if trial.seed == 1 else replace(trial, pictured=False) for trial in made]
-    for seed in range(1, options.seeds + 1):
-        scenario = scenario_of(replace(made[0], seed=seed))
-        if seed == 1 or scenario.world.terrain.file == "":
-            set_stage(scenario)  # ground on which no team can stand is refused before anything runs
+    try:
+        set_stage(scenario_of(made[0]))
+    except WorldError as error:
+        raise StudyError(str(error)) from error
     return made
 
 
