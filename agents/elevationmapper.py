@@ -17,8 +17,6 @@ from agents.strategies import View, strategy
 if TYPE_CHECKING:
     from agents.robot import Robot
 
-FIRST_TILT_RAD = math.radians(-25.0)
-
 
 class ElevationMapper:
     """`agents.mapper.Mapper` of elevation maps."""
@@ -33,9 +31,9 @@ class ElevationMapper:
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
         """Looks all around."""
-        first = self.settings.planner.first_looks
-        pans = np.linspace(0.0, 2 * math.pi, first, endpoint=False)
-        return tuple((float(pan), FIRST_TILT_RAD) for pan in pans)
+        planner = self.settings.planner
+        pans = np.linspace(0.0, 2 * math.pi, planner.first_looks, endpoint=False)
+        return tuple((float(pan), math.radians(planner.first_tilt_deg)) for pan in pans)
 
     async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
         """Return Eq. 5 in the field of view, times the chance that a ray falls on a cell."""

@@ -13,6 +13,7 @@ import numpy as np
 from agents import gaze, surface, sweep, visibility
 from agents.gaze import Ground, Lens
 from agents.geometry import Floats, GridFrame, Ints, Pose, Singles, wrap_angle
+from agents.markov import Border
 from agents.scene import Scene, View
 from agents.settings import SensorSettings
 from agents.visibility import Patch
@@ -61,7 +62,7 @@ class Gains:
 
 
 @dataclass(frozen=True)
-class _Stage:
+class Stage:
     """The scene on the grid on which looks are rated."""
 
     frame: GridFrame
@@ -102,7 +103,14 @@ class _Stage:
         )
 
 
-def _stage(scene: Scene, factor: int) -> _Stage:
+def stage_of(scene: Scene) -> Stage:
+    """Return a scene on the grid on which its candidates are rated."""
+    view = scene.view
+    fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
+    return _stage(scene, 1 if fine or min(view.frame.shape) < 4 else 2)
+
+
+def _stage(scene: Scene, factor: int) -> Stage:
     """Join factor x factor cells: mean heights, root mean square sigma, summed worth."""
     frame = scene.view.frame
     joined = GridFrame(
@@ -117,7 +125,7 @@ def _stage(scene: Scene, factor: int) -> _Stage:
         blocks = values[: joined.rows * factor, : joined.cols * factor]
         return blocks.reshape(joined.rows, factor, joined.cols, factor).mean(axis=(1, 3))
 
-    north, east = surface.gradient(surface.smoothed(mean(scene.ground_m)), joined.cell_m)
+    north, east = surface.gradient(surface.smoothed(mean(scene.sight_m)), joined.cell_m)
     ground = Ground(
         mean(scene.obstacles_m),
         north,
@@ -126,7 +134,7 @@ def _stage(scene: Scene, factor: int) -> _Stage:
         joined.cell_m,
         frame.cell_m,
     )
-    return _Stage(joined, ground, np.sqrt(mean(scene.sigma_m**2)))
+    return Stage(joined, ground, np.sqrt(mean(scene.sigma_m**2)))
 
 
 def eye_at(scene: Scene, cell: tuple[int, int]) -> tuple[float, float, float]:
@@ -151,20 +159,21 @@ def look_gains(scene: Scene) -> Gains:
     cells = scene.candidates
     if len(cells) == 1:
         tilts = tilts.min(keepdims=True)
-    fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
-    stage = _stage(scene, 1 if fine or min(view.frame.shape) < 4 else 2)
+    stage = stage_of(scene)
     eyes_m = np.array([eye_at(scene, (row, col)) for row, col in cells.tolist()])
     bits = stage.gains(eyes_m, headings, tilts, view)
     return Gains(cells, headings, tilts, bits, scene.travel[0][cells[:, 0], cells[:, 1]])
 
 
-def expected_visibility(view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
+def expected_visibility(
+    view: View, pose: Pose, pan_rad: float, tilt_rad: float, *, sight: Border = "low"
+) -> Singles:
     """Return each cell's probability (H, W) of being measured in a look from a pose.
 
     Eq. 5 inside the field of view, times the chance that a ray falls on the cell at all. Its sum is
-    the look's expected cells; `Interest.update` takes it as P of Eq. 9.
+    the look's expected cells; `Interest.update` takes it as P of Eq. 9. `sight` as of `Scene`.
     """
-    scene = Scene(replace(view, pose=pose))
+    scene = Scene(replace(view, pose=pose), sight=sight)
     eye = (pose.x_m, pose.y_m, pose.z_m + view.sensor.height_m)
     return _expected(scene, eye, wrap_angle(pose.yaw_rad + pan_rad), tilt_rad)
 
@@ -179,7 +188,7 @@ def _expected(
     cut = (slice(patch.row0, patch.row0 + h), slice(patch.col0, patch.col0 + w))
     seen = gaze.measured_chance(patch, stage.ground, lens)
     seen[~gaze.in_view(patch, heading_rad, tilt_rad, lens)] = 0.0
-    seen[(scene.obstacles_m > scene.ground_m)[cut]] = 0.0
+    seen[(scene.obstacles_m > scene.sight_m)[cut]] = 0.0
     whole = np.zeros(view.frame.shape, dtype=np.float32)
     whole[cut] = seen
     return whole

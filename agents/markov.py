@@ -15,6 +15,8 @@ from agents import multigrid
 from agents.errors import AgentError
 from agents.geometry import Bools, Floats
 
+Border = Literal["mirror", "low"]
+"""How the map's outer ring is completed; see `complete`."""
 MAX_STEPS = 80
 """Conjugate-gradient steps at most; about ten do for any map we met."""
 ENOUGH_PAIRS = 200
@@ -28,7 +30,7 @@ class MarkovError(AgentError):
 def complete(
     elevation_m: Floats,
     *,
-    border: Literal["mirror", "low"] = "mirror",
+    border: Border = "mirror",
     tolerance_m: float = 1e-3,
 ) -> Floats:
     """Fill the unknown cells so that each is the mean of its 4 neighbours inside the grid.

@@ -10,6 +10,7 @@ import numpy as np
 from agents import edge, markov, paths, surface
 from agents.errors import AgentError
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
+from agents.outlook.line import behind_line
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 from agents.visibility import phi
 
@@ -59,8 +60,22 @@ class View:
 class Scene:
     """What follows from one view, each part worked out once and only when asked for."""
 
-    def __init__(self, view: View) -> None:
-        """Check the view; raise `ViewError` if the robot is off the map or a grid's shape wrong."""
+    def __init__(
+        self,
+        view: View,
+        *,
+        straight_edge: bool = False,
+        again: float = 1.0,
+        trust: Floats | None = None,
+        sight: markov.Border = "low",
+    ) -> None:
+        """Check the view; raise `ViewError` if the robot is off the map or a grid's shape wrong.
+
+        With `straight_edge` the robot stays behind a straight line instead of inside the polygon.
+        What a cell is worth is multiplied by `again` if it was measured, by `trust` (H, W) if not.
+        `sight` is the border of the completed ground on which looks are foretold; whoever drives
+        reckons with a low one.
+        """
         row, col = view.frame.cell_of(view.pose.x_m, view.pose.y_m)
         if not view.frame.holds(row, col):
             raise ViewError(f"the robot at {view.pose} lies outside the map {view.frame.extent_m}")
@@ -71,6 +86,10 @@ class Scene:
                 )
         self.view = view
         self.cell = (row, col)
+        self._straight_edge = straight_edge
+        self._again = again
+        self._trust = trust
+        self._sight: markov.Border = sight
 
     @cached_property
     def seeded_m(self) -> Floats:
@@ -87,6 +106,13 @@ class Scene:
         return markov.complete(self.seeded_m, border="low")
 
     @cached_property
+    def sight_m(self) -> Floats:
+        """(H, W) completed elevation, as it is taken to be for looks."""
+        if self._sight == "low":
+            return self.ground_m
+        return markov.complete(self.seeded_m, border=self._sight)
+
+    @cached_property
     def known_distance_m(self) -> Floats:
         """(H, W) distance to measured ground, wheels included."""
         return markov.distance_to_known_m(~np.isnan(self.seeded_m), self.view.frame.cell_m)
@@ -101,8 +127,8 @@ class Scene:
 
     @cached_property
     def obstacles_m(self) -> Floats:
-        """(H, W) the ground with team-mates standing on it."""
-        raised = self.ground_m.copy()
+        """(H, W) the ground, as it is taken to be for looks, with team-mates standing on it."""
+        raised = self.sight_m.copy()
         for mate in self.view.others:
             body = self._within(mate.x_m, mate.y_m, 0.5 * self.view.drive.footprint_m)
             raised[body] = np.maximum(raised[body], mate.z_m + BODY_M)
@@ -114,6 +140,9 @@ class Scene:
         view = self.view
         filled = np.minimum(view.looks / view.planner.n_max, 1.0)
         worth = (1.0 - filled) * view.interest
+        worth[view.looks > 0] *= self._again
+        if self._trust is not None:
+            worth[view.looks == 0] *= self._trust[view.looks == 0]
         for x_m, y_m, radius_m in view.claims:
             worth[self._within(x_m, y_m, radius_m)] *= CLAIMED
         for x_m, y_m, radius_m in view.wishes:
@@ -186,7 +215,16 @@ class Scene:
             self.edge, self.ground_m, self.trusted_distance_m, self.sigma_m, **sizes
         )
         inset_m = drive.wheel_m + 0.5 * drive.footprint_m
-        cost = np.where(layers.drivable(inset_m), 1.0, np.inf)
+        free = layers.drivable(inset_m)
+        if self._straight_edge:
+            free &= behind_line(
+                self.edge.plateau,
+                view.elevation_m,
+                self.cell,
+                wheel_m=drive.wheel_m,
+                cell_m=view.frame.cell_m,
+            )
+        cost = np.where(free, 1.0, np.inf)
         if np.isinf(cost[self.cell]):
             beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
             inward = layers.rim_m >= min(inset_m, layers.rim_m[self.cell])

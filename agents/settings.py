@@ -107,6 +107,8 @@ class PlannerSettings(Settings):
     """Exploration is over when no look promises this many bits of Eq. 3 (one fresh cell: 1)."""
     first_looks: Annotated[int, Field(ge=1, le=36)] = 6
     """Looks all round, before the first is planned."""
+    first_tilt_deg: Annotated[float, Field(ge=-90, le=45)] = -25.0
+    """Their tilt, on elevation maps."""
     max_looks: Annotated[int, Field(ge=1)] = 200
 
 

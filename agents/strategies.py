@@ -1,20 +1,23 @@
 """Where to look next: strategies by name, the paper's method 5 first.
 
-A strategy turns a `View` into a `LookPlan`. The paper's (methods 4 and 5 of section 3) rate
+A strategy turns a `View` into a `LookPlan`. The paper's (methods 3 to 5 of section 3.2) rate
 candidate poses by Eq. 23: positions on a lattice inside the cliff-edge polygon, inset, that can be
 driven to, each with a cycle of headings and tilts; a look's worth is Eq. 3 with Eq. 5 and
-(method 5) Eq. 9. Method 3, a straight edge, belongs to the experiments.
+(method 5) Eq. 9; method 3 takes the edge for a straight line. Rasters (methods 1 and 2) and ours,
+`team-information`, are in `agents.outlook`.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
-from agents.geometry import Ints, Pose, Singles
+from agents.geometry import Pose, Singles
 from agents.looks import LookPlan, expected_visibility, look_gains, plan
+from agents.outlook.base import Rated, Strategy
+from agents.outlook.raster import Raster
+from agents.outlook.team import TeamInformation
 from agents.rating import rate
 from agents.scene import Scene, View
 from comms.plugins import Plugins
@@ -31,37 +34,18 @@ __all__ = [
 ]
 
 
-class Strategy(Protocol):
-    """Chooses looks for one robot."""
-
-    def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
-        """Return the next look, or None when no look is worth `min_gain_cells` bits."""
-        ...
-
-    def expect(self, view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
-        """Return each cell's probability (H, W) of being measured in a look from a pose."""
-        ...
-
-
-class Rated:
-    """What all strategies expect of a look that rate looks by what they would show."""
-
-    def expect(self, view: View, pose: Pose, pan_rad: float, tilt_rad: float) -> Singles:
-        """Return each cell's probability (H, W) of being measured in a look from a pose."""
-        return expected_visibility(view, pose, pan_rad, tilt_rad)
-
-
 class Information(Rated):
-    """The paper's method: the look that the rating function likes best (methods 4 and 5)."""
+    """The paper's method: the look that the rating function likes best (methods 3 to 5)."""
 
-    def __init__(self, *, interest: bool) -> None:
+    def __init__(self, *, interest: bool, straight_edge: bool = False) -> None:
         self._interest = interest
+        self._straight_edge = straight_edge
 
     def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
         """Return the best rated look whose gain is at least `min_gain_cells`."""
         if not self._interest:
             view = replace(view, interest=np.ones(view.frame.shape))
-        scene = Scene(view)
+        scene = Scene(view, straight_edge=self._straight_edge)
         gains = look_gains(scene)
         worthy = gains.bits >= max(view.planner.min_gain_cells, 1e-9)
         if not worthy.any():
@@ -98,31 +82,6 @@ class Random(Rated):
         return plan(scene, gains, (n, k, t), 0.0)
 
 
-class Raster(Rated):
-    """Positions row by row, to and fro, one look at each (method 1); the heading goes round."""
-
-    def __init__(self) -> None:
-        self._been: list[tuple[float, float]] = []
-
-    def choose(self, view: View, rng: np.random.Generator) -> LookPlan | None:
-        """Return the first position in raster order where no look was taken yet."""
-        scene = Scene(view)
-        gains = look_gains(scene)
-        count, spacing = len(self._been), view.planner.candidate_step_m
-        if gains.best_bits < view.planner.min_gain_cells:
-            return None
-        for n in _serpentine(gains.cells, max(1, round(spacing / view.frame.cell_m))):
-            x, y = view.frame.centre_of(int(gains.cells[n, 0]), int(gains.cells[n, 1]))
-            if all(math.hypot(x - a, y - b) >= 0.9 * spacing for a, b in self._been):
-                break
-        else:
-            n = 0
-            x, y = view.pose.x_m, view.pose.y_m
-        self._been.append((x, y))
-        k, t = count % len(gains.headings_rad), count % len(gains.tilts_rad)
-        return plan(scene, gains, (n, k, t), 0.0)
-
-
 class Wander:
     """A step somewhere and a look that way, whatever the map says: costs next to no computing.
 
@@ -147,19 +106,15 @@ class Wander:
         return np.zeros(view.frame.shape, dtype=np.float32)
 
 
-def _serpentine(cells: Ints, step: int) -> list[int]:
-    """Return the order of cells row by row, every other row backwards."""
-    band = cells[:, 0] // step
-    along = np.where(band % 2 == 0, cells[:, 1], -cells[:, 1])
-    return [int(i) for i in np.lexsort((along, band))]
-
-
 STRATEGIES: Plugins[Callable[[], Strategy]] = Plugins(
     "ropeteam.strategies",
     {
         "information-interest": lambda: Information(interest=True),
         "information-edge": lambda: Information(interest=False),
-        "raster": Raster,
+        "information-line": lambda: Information(interest=False, straight_edge=True),
+        "raster": lambda: Raster(yaw=False),
+        "raster-yaw": lambda: Raster(yaw=True),
+        "team-information": TeamInformation,
         "random": Random,
         "wander": Wander,
     },

@@ -14,7 +14,7 @@ import numpy as np
 
 from agents.crests import LIFT_CELLS, chance_past, follow, raise_crests, rise_before, shared_points
 from agents.gaze import Ground, Lens, hit_chance, soft_facing
-from agents.geometry import Floats
+from agents.geometry import Floats, Ints
 from comms import kernels
 from comms.kernels import kernel
 
@@ -225,6 +225,22 @@ def look_gains(
         camera,
         shared_points(ground.cell_m),
     )
+
+
+def bins_of(azimuth_rad: Floats, rise_rad: Floats) -> Ints:
+    """Return the flat indices (N,) into (azimuths, angles) of what lies in these directions."""
+    turn = np.floor(azimuth_rad / (2.0 * math.pi) * TURN_BINS).astype(np.int64) % TURN_BINS
+    angle = np.floor((rise_rad / math.pi + 0.5) * RISE_BINS).astype(np.int64)
+    return turn * RISE_BINS + np.clip(angle, 0, RISE_BINS - 1)
+
+
+def in_windows(bins: Floats, headings_rad: Floats, tilts_rad: Floats, lens: Lens) -> Floats:
+    """Return the sums (headings, tilts) of bins (azimuths, angles) that each look has in view."""
+    per_turn, per_rise = TURN_BINS / (2.0 * math.pi), RISE_BINS / math.pi
+    out = np.empty((len(headings_rad), len(tilts_rad)))
+    half = (lens.half_turn_rad * per_turn, lens.half_rise_rad * per_rise)
+    window_sums(bins, headings_rad * per_turn, (tilts_rad + 0.5 * math.pi) * per_rise, half, out)
+    return out
 
 
 @kernels.warmer

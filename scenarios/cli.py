@@ -23,6 +23,7 @@ from scenarios.commands import (
     ros2,
     run,
     shelf,
+    show,
     stereo,
     sweep,
     view,
@@ -47,6 +48,7 @@ COMMANDS = (
     building,
     report,
     compare,
+    show,
 )
 
 

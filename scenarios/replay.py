@@ -9,7 +9,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, zip_longest
 from pathlib import Path
 from typing import Any, cast
@@ -92,6 +92,20 @@ def replay(
         digest_then=_digest_then(run, robot, lives[-1][1]),
         difference=difference,
     )
+
+
+def watch(run: Path, robot: str, out: Path, born: Halt, *, until_s: float) -> None:
+    """Let a robot of a run live its first life once more, up to a simulated time, and watch it.
+
+    `born` is called with the robot before it does anything. Raises as `replay` does.
+    """
+    plan = _plan(_scenario(run), robot, out)
+    life = read_life(_logs(run, robot)[0])
+    folder.prepare(out, overwrite=False)
+    late = (n for n, w in enumerate(life.windows, 1) if w.grant.end_ns > from_s(until_s))
+    windows = life.windows[: next(late, None)]
+    with ExitStack() as graves:
+        _live(replace(life, windows=windows), life.plan(plan), _Halting(0.0, born), graves)
 
 
 class _Halting:

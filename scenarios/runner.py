@@ -27,8 +27,15 @@ from scenarios.record import write_atomic
 from scenarios.report import report
 from scenarios.ros2.bag import BagError, write_bag
 from scenarios.schema import Scenario, dump
-from scenarios.stage import set_stage
-from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
+from scenarios.stage import Stage, set_stage
+from scenarios.summary import (
+    HostCost,
+    ProcessCost,
+    RobotFinal,
+    host_facts,
+    summarise,
+    write_json,
+)
 from scenarios.view.livepage import LivePage
 from scenarios.view.reel import Reel
 from scenarios.view.report import end_of, write_report
@@ -46,6 +53,9 @@ class RunResult:
     outcome: str
     summary: dict[str, Any]
     out: Path
+    stage: Stage
+    finals: list[RobotFinal]
+    """The robots as they ended, with their maps."""
 
 
 class RobotFaultError(Exception):
@@ -195,7 +205,7 @@ def _write_up(
             raise RobotFaultError(actor.name, actor.fault)
     if play.ending == "interrupted":
         raise KeyboardInterrupt
-    return RunResult(ending.outcome, summary, out)
+    return RunResult(ending.outcome, summary, out, stage, finals)
 
 
 def _compile(view: LiveView) -> float:

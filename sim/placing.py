@@ -33,10 +33,10 @@ def place_team(
 ) -> dict[int, Pose]:
     """Return a start pose for every role, by its index: standing free of rocks, none overlapping.
 
-    With a "cliffbot" among the roles the team stands round the lip of the best drop near the
-    middle: the Cliff-bot at the lip and facing down, "anchor"s to its left and right, all others
-    some metres behind. Without one they gather round the middle of the ground. `radius_m` is the
-    radius of the circle that a robot covers. Raises WorldError where the ground has no room.
+    With a "cliffbot" or a "recon" among the roles the team stands round the lip of the best drop
+    near the middle: the Cliff-bot at the lip and facing down, "anchor"s to its left and right, all
+    others some metres behind. Without one they gather round the middle of the ground. `radius_m` is
+    the radius of the circle that a robot covers. Raises WorldError where the ground has no room.
     """
     footing = Footing(terrain, 2 * radius_m, WHEEL_M)
     standable = largest_regions(
@@ -48,9 +48,14 @@ def place_team(
             f" robots of {2 * radius_m:g} m; try another seed, window or terrain"
         )
     crew = _Crew(footing, standable, radius_m)
-    if "cliffbot" in roles:
+    if wants_drop(roles):
         return crew.at_the_lip(roles, terrain.edge_m)
     return crew.in_the_open(roles, rng)
+
+
+def wants_drop(roles: Sequence[str]) -> bool:
+    """Say whether a team of these roles is one for a cliff."""
+    return "cliffbot" in roles or "recon" in roles
 
 
 class _Crew:

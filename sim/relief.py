@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from scipy.spatial import KDTree
 
-from agents.geometry import Floats, GridFrame, Singles
+from agents.geometry import Bools, Floats, GridFrame, Singles
 from sim.errors import WorldError
 from sim.ground import Terrain
 from sim.resample import resample
@@ -60,13 +60,16 @@ def make_relief(settings: TerrainSettings, frame: GridFrame, rng: np.random.Gene
     sheet = _Sheet(frame)
     height_m = settings.roughness_m * sheet.sampled(fractal(settings.roughness_exponent, rng))
     edge_m = None
-    if settings.kind == "cliff":
+    if settings.kind != "plain":
         edge_m = _edge(settings, frame, rng)
         fall_m = _fall(settings, edge_m, frame)
         height_m -= fall_m
     else:
         height_m += _swell(settings, sheet, rng)
     height_m += _rocks(settings, frame, edge_m, rng)
+    if settings.kind == "sandpit" and edge_m is not None:
+        poor = _poor_west(settings.texture_poor, frame, edge_m, rng)
+        return Terrain(frame, height_m, _painted(poor, frame, rng), edge_m)
     return Terrain(frame, height_m, texture(settings.texture_poor, frame, rng), edge_m)
 
 
@@ -141,11 +144,26 @@ def _rocks(
             draw_rocks(settings.rock_fraction, *sizes, frame.extent_m, rng), frame
         )
     if edge_m is not None and settings.jumble_m > 0 and settings.jumble_fraction > 0:
-        x, y = _jumble_centre(settings, frame, edge_m, rng)
         r = settings.jumble_m / 2
-        drawn = draw_rocks(settings.jumble_fraction, *sizes, (x - r, x + r, y - r, y + r), rng)
-        heights = np.maximum(heights, rock_heights(within(drawn, x, y, r), frame))
+        for n in range(settings.jumbles):
+            on_the_face = n == 0 and settings.kind != "sandpit"
+            place = _jumble_centre if on_the_face else _pile_centre
+            x, y = place(settings, frame, edge_m, rng)
+            drawn = draw_rocks(settings.jumble_fraction, *sizes, (x - r, x + r, y - r, y + r), rng)
+            heights = np.maximum(heights, rock_heights(within(drawn, x, y, r), frame))
     return heights
+
+
+def _pile_centre(
+    settings: TerrainSettings, frame: GridFrame, edge_m: Floats, rng: np.random.Generator
+) -> tuple[float, float]:
+    """Return a place at the foot of the cliff, anywhere along it."""
+    west, east, south, _ = frame.extent_m
+    r = settings.jumble_m / 2
+    x = float(rng.uniform(west + r, east - r))
+    lip_y = float(np.interp(x, edge_m[:, 0], edge_m[:, 1]))
+    foot_y = lip_y - settings.drop_m / math.tan(math.radians(settings.slope_deg)) - r
+    return x, float(rng.uniform(max(south, foot_y - 5.0), foot_y))
 
 
 def _jumble_centre(
@@ -162,10 +180,29 @@ def texture(poor_share: float, frame: GridFrame, rng: np.random.Generator) -> Si
     """Return how well ground can be matched, (rows, cols) in [0, 1], one region of it poorly."""
     fine = _Sheet(frame).sampled(fractal(2.5, rng))
     lobed = _lobed_distance(frame, rng)
-    rich = np.clip(RICH + 0.06 * fine, 0.6, 1.0)
     if poor_share <= 0:
-        return np.asarray(rich, dtype=np.float32)
-    poor = (lobed <= np.quantile(lobed, poor_share)).astype(np.float32)
+        return _blended(fine, np.zeros(frame.shape, dtype=np.bool_), frame)
+    return _blended(fine, lobed <= np.quantile(lobed, poor_share), frame)
+
+
+def _poor_west(share: float, frame: GridFrame, edge_m: Floats, rng: np.random.Generator) -> Bools:
+    """Return the west (rows, cols) of the pit, so much of it as is `share` of the whole ground."""
+    wave = np.cumsum(rng.normal(0.0, 0.25, frame.rows)) * math.sqrt(frame.cell_m)
+    beyond = _downhill(edge_m, frame) > 0
+    x = np.arange(frame.cols) * frame.cell_m + wave[:, None]
+    x = np.where(beyond, x, np.inf)
+    count = round(share * x.size)
+    return (x <= np.partition(x.ravel(), count)[count]) & beyond if count > 0 else x < -np.inf
+
+
+def _painted(poor: Bools, frame: GridFrame, rng: np.random.Generator) -> Singles:
+    return _blended(_Sheet(frame).sampled(fractal(2.5, rng)), poor, frame)
+
+
+def _blended(fine: Singles, where: Bools, frame: GridFrame) -> Singles:
+    """Return a texture that is poor where it is said to be."""
+    rich = np.clip(RICH + 0.06 * fine, 0.6, 1.0)
+    poor = where.astype(np.float32)
     width = max(3, 2 * round(0.3 / frame.cell_m) + 1)
     blend = np.asarray(cv2.blur(poor, (width, width), borderType=cv2.BORDER_REPLICATE))
     return np.asarray(rich + blend * (POOR - rich), dtype=np.float32)

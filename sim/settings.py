@@ -1,6 +1,6 @@
 """What can be set about the world: the ground and the window that is taken of it."""
 
-from typing import Annotated, Self
+from typing import Annotated, Any, Self, cast
 
 from pydantic import Field, model_validator
 
@@ -12,11 +12,27 @@ NotNegative = Annotated[float, Field(ge=0)]
 Metres = Annotated[float, Field(ge=4, le=5000)]
 
 
+KINDS: dict[str, dict[str, float]] = {
+    "sandpit": {
+        "drop_m": 1.2, "slope_deg": 88.0, "lip_m": 0.05, "edge_meander_m": 1.2,
+        "edge_wavelength_m": 9.0, "roughness_m": 0.04, "rock_fraction": 0.01, "rock_max_m": 0.6,
+        "jumble_m": 1.6, "jumble_fraction": 0.35, "jumbles": 5, "texture_poor": 0.15,
+    },
+    "field": {
+        "drop_m": 6.0, "slope_deg": 75.0, "edge_meander_m": 2.0, "rock_fraction": 0.05,
+        "jumble_m": 3.5, "jumble_fraction": 0.35, "texture_poor": 0.08,
+    },
+}  # fmt: skip
+"""What keys are that are left out, where that is not their default: the paper's two sites."""
+
+
 class TerrainSettings(Settings):
     """Ground made from the seed (a cliff, a plain), or read from an elevation file."""
 
     kind: str = "cliff"
-    """Made-up ground, used while `file` is empty."""
+    """Made-up ground, used while `file` is empty. Two are a cliff with keys of their own: `sandpit`
+    (a drop of 1.2 m, upright, rock piles in the pit, its west without texture) and `field` (75
+    degrees with a rock jumble); whatever is given beside them counts."""
     file: str = ""
     """Elevation file: .npz (`elevation` in m, NaN unknown, `cell_size` in m, row 0 north), GeoTIFF,
     .asc (Esri's ASCII grid) or .png (with `grey_m` and `cell_m`). Where it is given, `kind` and the
@@ -28,7 +44,7 @@ class TerrainSettings(Settings):
     """Heights of the black and of the white of a .png, m."""
     drop_m: Annotated[float, Field(ge=0.5, le=200)] = 6.0
     """Height of the cliff."""
-    slope_deg: Annotated[float, Field(ge=20, le=85)] = 45.0
+    slope_deg: Annotated[float, Field(ge=20, le=89)] = 45.0
     """Steepness of the cliff's face."""
     lip_m: Annotated[float, Field(ge=0.05, le=2)] = 0.25
     """Length over which the face bends at its lip and its foot."""
@@ -52,8 +68,18 @@ class TerrainSettings(Settings):
     """Diameter of a rock jumble on the middle of the cliff's face; 0 for none."""
     jumble_fraction: Annotated[float, Field(ge=0, le=0.5)] = 0.25
     """k of Golombek's law in the rock jumble."""
+    jumbles: Annotated[int, Field(ge=1, le=20)] = 1
+    """Of more than one the rest are piles that lie about at the foot of the cliff."""
     texture_poor: Annotated[float, Field(ge=0, le=0.6)] = 0.04
     """Share of the ground, in one piece, that has too little texture to be ranged."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_its_kind(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        given = cast("dict[str, Any]", given)
+        return {**KINDS.get(str(given.get("kind")), {}), **given}
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

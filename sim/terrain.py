@@ -9,7 +9,7 @@ from agents.geometry import GridFrame
 from comms.plugins import Plugins
 from sim.errors import WorldError
 from sim.ground import Footing, Terrain, hazard_mask
-from sim.placing import descent_goal, place_team
+from sim.placing import descent_goal, place_team, wants_drop
 from sim.relief import make_relief, texture
 from sim.settings import TerrainSettings, WorldSettings
 from sim.terrain_files import choose_window, read_elevation, window_of
@@ -48,7 +48,7 @@ def make_terrain(
 
     World frame: x east, y north, origin at the south-west corner of the window (made-up ground) or
     of the file's whole grid, in its own metres or those that `terrain.cell_m` gives it. `roles`
-    and `footprint_m` say for whom a window of a file is chosen: with a "cliffbot" it lies round
+    and `footprint_m` say for whom a window of a file is chosen: with a cliff team it lies round
     a drop. The ground of a seed depends on the cell size only by its sampling.
 
     Raises WorldError for a bad file, a window of too many cells, or one that is too small.
@@ -57,7 +57,7 @@ def make_terrain(
     _check_size(world, cell_m)
     if settings.file:
         file = read_elevation(settings.file, settings.cell_m, settings.grey_m)
-        extent_m = choose_window(file, world.window_m, footprint_m, "cliffbot" in roles)
+        extent_m = choose_window(file, world.window_m, footprint_m, wants_drop(roles))
         _check_room(settings.file, extent_m, cell_m)
         frame, elevation_m = window_of(file, extent_m, cell_m)
         return Terrain(frame, elevation_m, texture(settings.texture_poor, frame, rng))

@@ -237,3 +237,35 @@ def test_what_is_impossible_is_refused_with_a_sentence() -> None:
         TerrainSettings(kind="file")
     with pytest.raises(ValidationError, match="at most rock_max_m"):
         TerrainSettings(rock_min_m=2.0)
+
+
+def test_a_sandpit_has_an_upright_edge_and_a_west_that_cannot_be_matched() -> None:
+    terrain = made(kind="sandpit", window_m=20.0)
+    edge = terrain.edge_m
+    assert edge is not None
+    z = terrain.elevation_m.astype(float)
+    for x, y in edge[(edge[:, 0] > 3) & (edge[:, 0] < 17)][::10]:
+        assert terrain.height_m(float(x), float(y) + 0.3) > -0.4
+        assert terrain.height_m(float(x), float(y) - 0.3) < -0.7
+    rows, cols = np.nonzero(terrain.texture < 0.3)
+    share = rows.size / z.size
+    assert share == pytest.approx(0.15, abs=0.02)
+    assert z[rows, cols].max() < 0.0
+    assert cols.max() < 0.55 * z.shape[1]
+
+
+def test_a_kind_brings_its_own_keys_and_what_is_given_counts() -> None:
+    field = TerrainSettings.model_validate({"kind": "field", "drop_m": 4.0})
+    assert (field.slope_deg, field.drop_m) == (75.0, 4.0)
+    again = TerrainSettings.model_validate(field.model_dump())
+    assert again == field
+    assert TerrainSettings().slope_deg == 45.0
+
+
+def test_a_lone_recon_bot_stands_behind_the_lip() -> None:
+    terrain = made(kind="sandpit", window_m=20.0)
+    pose = place_team(terrain, ["recon"], 0.4, np.random.default_rng(1))[0]
+    assert terrain.edge_m is not None
+    lip_y = float(np.interp(pose.x_m, terrain.edge_m[:, 0], terrain.edge_m[:, 1]))
+    assert 1.0 < pose.y_m - lip_y < 4.0
+    assert math.sin(pose.yaw_rad) < -0.9

@@ -41,6 +41,9 @@ def add(commands: Commands) -> None:
         dest="sets",
         help="change what the experiment lets you change (an unknown key lists them)",
     )
+    command.add_argument(
+        "--sensor", metavar="KIND", help="range or stereo, where it sees: as --set sensor=KIND"
+    )
     command.add_argument("--quiet", action="store_true", help="say nothing but errors")
     command.set_defaults(run=_run)
 
@@ -48,7 +51,8 @@ def add(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     from scenarios.experiments import frame
 
-    sets = frame.checked_sets(frame.load(args.name), args.sets)
+    sensor = [] if args.sensor is None else [f"sensor={args.sensor}"]
+    sets = frame.checked_sets(frame.load(args.name), [*args.sets, *sensor])
     options = frame.Options(args.seeds, sets)
     out = _folder(args)
     jobs = frame.default_jobs() if args.jobs is None else args.jobs

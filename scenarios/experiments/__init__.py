@@ -23,10 +23,12 @@ The frame does the rest: processes, folder, `rows.csv` (all that was measured), 
 EXPERIMENTS = {
     "compress": "what the paper's map codec and its four compressors cost, and what they lose",
     "edge": "the cliff edge as a polygon on ground strewn with rocks",
+    "field": "four robots map a cliff of 75 degrees in ten looks, and one goes down it",
     "localisation": "how a camera's error grows with its way, by the fiducials that it goes by",
     "markov": "unknown cells estimated from known ones, and how sure one may be of them",
     "planar-one": "one robot maps a plane: the paper's five ways to choose a look, and ours",
     "planar-two": "two robots map a plane together, by the same ways",
+    "sandpit": "where to look next at a pit: the paper's methods 1 to 5, ours, and an oracle",
     "sharing": "what thin links do to a team, by the way of sharing and by rate",
 }
 """Name and one line of each, in the order in which they are listed."""

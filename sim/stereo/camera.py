@@ -127,7 +127,7 @@ class StereoCamera:
         self._pose_now = pose_now
         self._others = others
         self._rng = rng
-        self._kept = kept
+        self.kept = kept
         self._mates = {
             number: mate for number, mate in enumerate(sorted(stage.bodies)) if mate != name
         }
@@ -160,5 +160,5 @@ class StereoCamera:
             stereo=self._sensor.stereo,
             mates=self._mates,
         )
-        self._kept(shot, seen)
+        self.kept(shot, seen)
         return seen.exposure
