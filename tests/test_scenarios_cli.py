@@ -60,7 +60,7 @@ def test_a_run_gets_what_was_asked_for(runs: Runs) -> None:
     assert (scenario.seed, scenario.clock.mode, scenario.clock.speed) == (7, "real", 20)
     assert scenario.links.profile == "sojourner"
     assert out == Path("here")
-    assert options == {"quiet": True, "overwrite": False}
+    assert options == {"quiet": True, "overwrite": False, "merge": True, "beside": None}
 
 
 def test_the_clock_of_the_command_line_replaces_that_of_the_file(runs: Runs) -> None:
