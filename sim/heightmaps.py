@@ -124,6 +124,6 @@ def read_png(file: Path, grey_m: tuple[float, float] | None, max_cells: int) -> 
     if (colours != colours[..., :1]).any():
         raise WorldError(f"{file}: has colours, allowed is a grey picture of 8 or 16 bit")
     low_m, high_m = grey_m
-    share = colours[..., 0] / np.float64(np.iinfo(picture.dtype).max)
+    share = colours[..., 0] / (255.0 if picture.dtype == np.uint8 else 65535.0)
     clear = grey[..., -1] == 0 if grey.shape[2] in (2, 4) else False
     return np.where(clear, np.nan, low_m + share * (high_m - low_m))

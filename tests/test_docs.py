@@ -17,9 +17,7 @@ from scenarios.shelf import names
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-OF_FILES = tuple(
-    f"world.{key}" for key in ("map", "terrain.file", "terrain.cell_m", "terrain.grey")
-)
+OF_FILES = ("world.map", "world.terrain.file", "world.terrain.cell_m", "world.terrain.grey_m")
 """Settings that need a file of the reader's."""
 LIBRARY = sorted((ROOT / "scenarios" / "library").glob("*.toml"))
 

@@ -117,7 +117,7 @@ def serve(run: Path, endpoint: str, domain: int, *, until_eof: bool = False) -> 
 
 def _has_ended(wait_s: float) -> bool:
     """Wait for so long at most; say whether standard input was closed."""
-    return bool(select.select([sys.stdin], [], [], wait_s)[0]) and not sys.stdin.buffer.read1()
+    return bool(select.select([sys.stdin], [], [], wait_s)[0]) and not sys.stdin.read(1)
 
 
 @contextlib.contextmanager
