@@ -14,6 +14,7 @@ import time
 from dataclasses import dataclass, replace
 from multiprocessing import connection, forkserver, get_context
 from multiprocessing.context import ForkServerProcess
+from pathlib import Path
 from typing import Any, cast
 
 from comms.air import Packet, PacketError
@@ -120,7 +121,7 @@ def _serve(plan: Plan, wire: Wire) -> None:
         _listen(air, inbox, own, grant.counts)
         report = host.run_window(grant, inbox.take(grant.counts))
         if report.final is not None:
-            report.final["cost"] = (cpu_s(), peak_bytes())
+            report.final["cost"] = (cpu_s(), peak_bytes(), unique_bytes())
         _tell(wire, report)
         if report.final is not None:
             host.bury()
@@ -129,7 +130,7 @@ def _serve(plan: Plan, wire: Wire) -> None:
 
 def _last_words(wire: Wire, report: Report) -> None:
     assert report.final is not None
-    report.final["cost"] = (cpu_s(), peak_bytes())
+    report.final["cost"] = (cpu_s(), peak_bytes(), unique_bytes())
     _tell(wire, report)
 
 
@@ -148,6 +149,16 @@ def _listen(air: Channel, inbox: Inbox, own: str, counts: dict[str, int]) -> Non
         sender, packet = carried(*message)
         if sender != own and packet is not None:
             inbox.add(sender, packet)
+
+
+def unique_bytes() -> int | None:
+    """Return the memory that this process shares with no other; None where nobody says so."""
+    try:
+        lines = Path("/proc/self/smaps_rollup").read_text().splitlines()[1:]
+    except OSError:
+        return None
+    sizes_kib = {key: int(rest.split()[0]) for key, _, rest in (x.partition(":") for x in lines)}
+    return 1024 * (sizes_kib["Private_Clean"] + sizes_kib["Private_Dirty"])
 
 
 def peak_bytes() -> int:

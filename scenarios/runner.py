@@ -134,7 +134,10 @@ def _write_up(
                 goal_m=stage.goal_m,
             ),
         )
-    costs = {name: ProcessCost(c.cpu_s, c.peak_memory_bytes) for name, c in play.crew.costs.items()}
+    costs = {
+        name: ProcessCost(c.cpu_s, c.peak_memory_bytes, c.unique_memory_bytes)
+        for name, c in play.crew.costs.items()
+    }
     costs["runner"] = ProcessCost(cpu_s(), peak_bytes())
     host = HostCost(
         wall_s=time.perf_counter() - started_s,
@@ -142,6 +145,7 @@ def _write_up(
         startup_s=play.first_grant_s - started_s,
         grants=play.grants,
         processes=costs,
+        launch_s=play.launch_s,
     )
     write_json(out / "host.json", {**host_facts(host), **play.final_facts_of_clock()})
     view.say(report(summary, play.records, out))
