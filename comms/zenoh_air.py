@@ -39,7 +39,11 @@ class TransportError(CommsError):
 
 
 def hub_config(
-    lease_ms: int, listen: str, credentials: Credentials | None, robots: Sequence[str]
+    lease_ms: int,
+    listen: str,
+    credentials: Credentials | None,
+    robots: Sequence[str],
+    machines: Sequence[str] = (),
 ) -> Tree:
     """Return the whole configuration of a hub, as Zenoh's own router takes it too.
 
@@ -47,7 +51,7 @@ def hub_config(
         SecurityError: see `comms.zenoh_security.hub_settings`.
 
     """
-    security = hub_settings(listen, credentials, robots)
+    security = hub_settings(listen, credentials, robots, machines)
     config = _merged(_plain("router", [listen], [], lease_ms), security)
     config["scouting"]["delay"] = 0  # milliseconds that a router would wait for others
     config["adminspace"] = {"enabled": True}
@@ -193,6 +197,7 @@ def open_hub(
     listen: str = LOOPBACK,
     credentials: Credentials | None = None,
     robots: Sequence[str] = (),
+    machines: Sequence[str] = (),
 ) -> Wire:
     """Open the router: on a free port of the loopback interface, if nothing else is said.
 
@@ -202,13 +207,14 @@ def open_hub(
         credentials: the hub's own. With them clients need certificates of the same authority, and
             may do only what `comms.zenoh_security.access_control` allows to `robots`.
         robots: who may speak; of no meaning without credentials.
+        machines: which computers may run simulated robots, and speak for any; likewise.
 
     Raises:
         SecurityError: the credentials can't be used, or `listen` may not be used without.
         TransportError: the port could not be opened.
 
     """
-    config = hub_config(lease_ms, listen, credentials, robots)
+    config = hub_config(lease_ms, listen, credentials, robots, machines)
     try:
         session = open_session(config)
     except zenoh.ZError as error:

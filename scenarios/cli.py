@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from scenarios.commands import (
     chaos,
     experiment,
+    host,
     link,
     map,
     plot,
@@ -24,7 +25,7 @@ from scenarios.commands import (
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, host)
 
 
 class _Version(argparse.Action):

@@ -20,10 +20,11 @@ from scenarios.ending import conclude
 from scenarios.live import LiveView
 from scenarios.overview import Overview, draw
 from scenarios.play import Play
-from scenarios.processes import ZenohCrew, peak_bytes, start_fork_server
+from scenarios.processes import ZenohCrew, start_fork_server
 from scenarios.realtime import RealMemoryCrew, RealRun
 from scenarios.record import write_atomic
 from scenarios.report import report
+from scenarios.robotprocess import peak_bytes
 from scenarios.schema import Scenario, dump
 from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
@@ -54,8 +55,11 @@ def run(
     quiet: bool = False,
     overwrite: bool = False,
     picture: bool = True,
+    crew_of: Callable[[], Crew] | None = None,
 ) -> RunResult:
     """Run a scenario and write its records to `out`, a picture of it among them or not.
+
+    `crew_of` makes a crew of another kind than the scenario's `air` asks for.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -68,19 +72,19 @@ def run(
     title = scenario.title or scenario.name
     view = LiveView(title, quiet=quiet)
     compile_s = _compile(view)
-    if scenario.air == "zenoh":
+    if scenario.air == "zenoh" and crew_of is None:
         start_fork_server()
     stage = set_stage(scenario)
-    folder.prepare(out, overwrite=overwrite)
-    write_atomic(out / "scenario.toml", dump(scenario))
-    crew = _crew(scenario)
-    is_virtual = scenario.clock.mode == "virtual"
-    play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
-    with view, _ctrl_c(play.interrupt):
-        try:
+    crew = crew_of() if crew_of is not None else _crew(scenario)
+    try:
+        folder.prepare(out, overwrite=overwrite)
+        write_atomic(out / "scenario.toml", dump(scenario))
+        is_virtual = scenario.clock.mode == "virtual"
+        play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
+        with view, _ctrl_c(play.interrupt):
             play.play()
-        finally:
-            crew.close()
+    finally:
+        crew.close()
     return _write_up(play, view, started_s + compile_s, compile_s, picture=picture)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.commands.parsing import OK, Commands, number, whole
+from scenarios.commands.places import add_places, crew_on_hosts
 from scenarios.errors import ScenarioError, UsageError
 
 if TYPE_CHECKING:
@@ -60,18 +61,20 @@ def add(commands: Commands) -> None:
         dest="sets",
         help="change any key of the scenario, e.g. links.rate_bps=5000; may be repeated",
     )
+    add_places(run)
     run.add_argument("--quiet", action="store_true", help="say nothing but errors")
     run.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
     scenario = _load(args)
+    crew_of = crew_on_hosts(args, scenario)
     out = _folder(args, scenario)
     from scenarios.runner import run
     from sim.errors import WorldError
 
     try:
-        run(scenario, out, quiet=args.quiet, overwrite=args.overwrite)
+        run(scenario, out, quiet=args.quiet, overwrite=args.overwrite, crew_of=crew_of)
     except WorldError as error:
         raise ScenarioError([f"{args.scenario}: {error}"]) from error
     return OK
