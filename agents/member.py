@@ -211,9 +211,10 @@ class Member:
 
     def tiles_changed(self, submap: int, cells: Bools) -> None:
         """Note that cells (rows, cols) of an own submap were measured."""
-        self.team.own_changed()
+        tiles = self.grid.touched(cells)
+        self.team.own_tiles_changed(submap, tiles)
         self.map_changed_s = self._time_or_zero()
-        self.sharing.own_tiles_changed(submap, self.grid.touched(cells))
+        self.sharing.own_tiles_changed(submap, tiles)
         self.kick()
 
     def _time_or_zero(self) -> float:
@@ -320,7 +321,7 @@ class Member:
                 mine = self.store.anchors.get(key)
                 self._check_writer(Origin(*key[:2]), anchor.version, mine and mine.version)
                 if self.store.offer_anchor(key, anchor):
-                    self.team.own_changed()
+                    self.team.anchor_changed(key)
                     self.map_changed_s = now_s
                 self.sharing.heard_anchor(heard, key, anchor.version)
             case Kind.DIGEST:
