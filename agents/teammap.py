@@ -37,6 +37,8 @@ class TeamMap(Generic[S, E]):
         self._drawn: dict[AnchorKey, dict[int, E]] = {}
         """The tiles of each submap that tell something: a grid each would let a few bytes, which
         name many submaps, take much memory."""
+        self._undrawn: set[TileKey] = set()
+        """Tiles of which more is in the store than is drawn."""
         self._revisions: dict[AnchorKey, int] = {}
         self._known_cells: dict[AnchorKey, dict[int, int]] = {}
         self._decoded: dict[TileKey, list[tuple[tuple[int, int], E]]] = {}
@@ -49,20 +51,26 @@ class TeamMap(Generic[S, E]):
     # --- what changed ---------------------------------------------------------------------
 
     def tile_changed(self, key: TileKey) -> None:
-        """Redraw a tile whose payload grew."""
-        anchor_key = AnchorKey(key.robot, key.incarnation, key.submap)
-        tile = self.tile_estimate(key)
-        cells = int(np.count_nonzero(tile.known))
-        if not cells and key.tile not in self._drawn.get(anchor_key, {}):
-            return
-        self._drawn.setdefault(anchor_key, {})[key.tile] = tile
-        self._known_cells.setdefault(anchor_key, {})[key.tile] = cells
-        self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
+        """Note that a tile's payload grew; it is decoded when somebody asks for the map."""
+        self._undrawn.add(key)
         if key.origin != self.me:  # of its own it has the whole
-            self._lies_anew(anchor_key, [key.tile])
+            self._lies_anew(AnchorKey(*key[:3]), [key.tile])
+
+    def _draw(self) -> None:
+        """Draw all tiles whose payload grew."""
+        for key in sorted(self._undrawn):
+            anchor_key = AnchorKey(*key[:3])
+            tile = self.tile_estimate(key)
+            cells = int(np.count_nonzero(tile.known))
+            if cells or key.tile in self._drawn.get(anchor_key, {}):
+                self._drawn.setdefault(anchor_key, {})[key.tile] = tile
+                self._known_cells.setdefault(anchor_key, {})[key.tile] = cells
+                self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
+        self._undrawn.clear()
 
     def anchor_changed(self, key: AnchorKey) -> None:
         """Note that a submap has an anchor now, or another one."""
+        self._draw()
         self._lies_anew(key, list(self._drawn.get(key, {})))
 
     def _lies_anew(self, key: AnchorKey, tiles: list[int]) -> None:
@@ -145,6 +153,7 @@ class TeamMap(Generic[S, E]):
 
     def known_entries(self) -> int:
         """Count the known (origin, submap, cell) entries, own unpublished cells included."""
+        self._draw()
         heard = sum(
             sum(cells.values())
             for key, cells in self._known_cells.items()
@@ -154,6 +163,7 @@ class TeamMap(Generic[S, E]):
 
     def published_mask(self, origin: Origin, submap: int) -> Bools:
         """Return the cells of a submap of which anything was published (and is here)."""
+        self._draw()
         tiles = self._drawn.get(AnchorKey(*origin, submap), {})
         return whole_drawing(self.kind, self.grid, tiles.get).known
 
@@ -162,6 +172,7 @@ class TeamMap(Generic[S, E]):
 
         Without an anchor nobody knows where a submap lies.
         """
+        self._draw()
         heard = [
             Sheet(key, self.store.anchors[key], self._drawn[key].get, self._revisions[key])
             for key in self._drawn
