@@ -131,13 +131,15 @@ class Wire:
         self.endpoint = endpoint
         self._kept: list[Any] = []
 
-    def put(self, key: str, data: bytes) -> None:
+    def put(self, key: str, data: bytes, *, may_drop: bool = False) -> None:
         """Send a message; it is never dropped, and keeps its order.
 
         A plain put goes to the router whether or not a receiver is known here: a declared publisher
-        would drop what it sends before news of a fresh subscription has reached it.
+        would drop what it sends before news of a fresh subscription has reached it. What `may_drop`
+        does not wait where the way is blocked: a robot must not hang because a cable was cut.
         """
-        self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
+        control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
+        self._session.put(key, data, congestion_control=control)
 
     def channel(self, key_expr: str) -> Channel:
         """Return a channel of all messages on some keys."""

@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Sequence
 
 from scenarios.commands import (
+    agent,
     chaos,
     experiment,
     host,
@@ -25,7 +26,7 @@ from scenarios.commands import (
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, host)
+COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, host, agent)
 
 
 class _Version(argparse.Action):
