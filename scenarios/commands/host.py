@@ -5,7 +5,7 @@ import signal
 import threading
 import time
 
-from scenarios.commands.parsing import OK, Commands, whole
+from scenarios.commands.parsing import OK, Commands, number, whole
 from scenarios.commands.places import add_badge, names_of
 
 EXAMPLES = """\
@@ -41,6 +41,13 @@ def add(commands: Commands) -> None:
     add_badge(router, "hub")
     router.add_argument("--robots", metavar="A,B", help="certificates that may speak as themselves")
     router.add_argument("--machines", metavar="A,B", help="those of runners and offered computers")
+    router.add_argument(
+        "--lease",
+        type=number,
+        default=600.0,
+        metavar="S",
+        help="after so long a silence somebody counts as gone (600); 10 for real robots",
+    )
     router.set_defaults(run=_router)
 
 
@@ -78,7 +85,8 @@ def _router(args: argparse.Namespace) -> int:
     badge = Badge(args.keys, args.name)
     robots, machines = names_of(args.robots), names_of(args.machines)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    wire = listening(args.listen, badge, robots=robots, machines=machines)
+    lease_ms = max(1000, round(1000 * args.lease))
+    wire = listening(args.listen, badge, robots=robots, machines=machines, lease_ms=lease_ms)
     try:
         _say(f"router at {wire.endpoint}")
         threading.Event().wait()
