@@ -86,12 +86,15 @@ class Anchor:
             variance=rounded_variance(variance),
         )
 
-    def shift_variance(self, frame: GridFrame) -> Floats:
-        """Return how unsure each cell's place is (rows, cols) along one axis, m^2.
+    def shift_variance(
+        self, frame: GridFrame, window: tuple[slice, slice] = (slice(None), slice(None))
+    ) -> Floats:
+        """Return how unsure the place of each cell of a window is along one axis, m^2.
 
         A turn of the map shifts a cell by its distance to the anchor.
         """
-        rows, cols = np.indices(frame.shape)
+        rows = np.arange(frame.rows)[window[0], np.newaxis]
+        cols = np.arange(frame.cols)[np.newaxis, window[1]]
         dx = frame.x_m + (cols + 0.5) * frame.cell_m - self.corrected.x_m
         dy = frame.y_m + (rows + 0.5) * frame.cell_m - self.corrected.y_m
         var_x, var_y, _, var_yaw = self.variance

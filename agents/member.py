@@ -94,6 +94,8 @@ class Member:
         self._owes_layer = False
         """Cells of a former life are in the own layer, and not yet on disk under this one."""
         self._disk_told = ""
+        self._weighed_at = settings.start
+        """Where it stood when tiles were last weighed by how far off they are."""
         if self.me.incarnation > 0:
             self._take_up(disk.recover(settings.frame, kind))
 
@@ -211,9 +213,10 @@ class Member:
 
     def tiles_changed(self, submap: int, cells: Bools) -> None:
         """Note that cells (rows, cols) of an own submap were measured."""
-        self.team.own_changed()
+        tiles = self.grid.touched(cells)
+        self.team.own_tiles_changed(submap, tiles)
         self.map_changed_s = self._time_or_zero()
-        self.sharing.own_tiles_changed(submap, self.grid.touched(cells))
+        self.sharing.own_tiles_changed(submap, tiles)
         self.kick()
 
     def _time_or_zero(self) -> float:
@@ -239,6 +242,11 @@ class Member:
         frame = self.settings.frame
         x_m, y_m = frame.centre_of((rows.start + rows.stop) // 2, (cols.start + cols.stop) // 2)
         near_m = 0.7 * self.grid.tile_cells * frame.cell_m
+        horizon_m = self.settings.sharing.horizon_m
+        if horizon_m is not None and key.origin != self.me:
+            here = self._weighed_at
+            if math.hypot(x_m - here.x_m, y_m - here.y_m) > horizon_m + near_m:
+                return 0.0
         wished = any(
             math.hypot(x_m - x, y_m - y) < radius + near_m
             for x, y, radius in self.regions(wished=True)
@@ -320,7 +328,7 @@ class Member:
                 mine = self.store.anchors.get(key)
                 self._check_writer(Origin(*key[:2]), anchor.version, mine and mine.version)
                 if self.store.offer_anchor(key, anchor):
-                    self.team.own_changed()
+                    self.team.anchor_changed(key)
                     self.map_changed_s = now_s
                 self.sharing.heard_anchor(heard, key, anchor.version)
             case Kind.DIGEST:
@@ -390,8 +398,16 @@ class Member:
             told, overdue = self._told, self.now_s >= self._told_s + KEEP_ALIVE_S
             if told is None or overdue or _differs(self._status(), told):
                 self.tell_status()
+            self._mind_horizon()
             self.kick()
             await asyncio.sleep(self.settings.sharing.status_s)
+
+    def _mind_horizon(self) -> None:
+        """Weigh tiles anew once it has moved a good part of its horizon."""
+        horizon_m = self.settings.sharing.horizon_m
+        if horizon_m is not None and self.pose.distance_m(self._weighed_at) > horizon_m / 4:
+            self._weighed_at = self.pose
+            self.sharing.look_again()
 
     @property
     def settled(self) -> bool:

@@ -26,7 +26,7 @@ def write_chunk(out: Writer, chunk: Chunk, sender: tuple[int, int]) -> None:
     flags = RELAYED * relayed | FROM_START * (chunk.offset == 0) | TO_END * to_end
     out.byte(flags)
     if relayed:
-        out.byte(chunk.key.robot)
+        out.uint(chunk.key.robot)
         out.byte(chunk.key.incarnation)
     out.uint(chunk.key.submap)
     out.uint(chunk.key.tile)
@@ -48,7 +48,7 @@ def read_chunk(reader: Reader, sender: tuple[int, int]) -> Chunk:
     flags = reader.byte()
     if flags & ~(RELAYED | FROM_START | TO_END):
         raise MessageError(f"chunk flags are {flags}; 0 to 7 are allowed")
-    robot, incarnation = (reader.byte(), reader.byte()) if flags & RELAYED else sender
+    robot, incarnation = (reader.uint(), reader.byte()) if flags & RELAYED else sender
     submap, tile, version, length = reader.uint(), reader.uint(), reader.uint(), reader.uint()
     offset = 0 if flags & FROM_START else reader.uint()
     rest = 0 if flags & TO_END else reader.uint()
@@ -84,7 +84,7 @@ def unpack_chunks(data: bytes, sender: tuple[int, int]) -> list[Chunk]:
 def pack_anchor(key: AnchorKey, anchor: Anchor) -> bytes:
     """Return the payload of an ANCHOR frame."""
     out = Writer()
-    out.byte(key.robot)
+    out.uint(key.robot)
     out.byte(key.incarnation)
     out.uint(key.submap)
     out.uint(anchor.version * 2 + anchor.is_moved)
@@ -99,7 +99,7 @@ def unpack_anchor(data: bytes) -> tuple[AnchorKey, Anchor]:
     """Take the payload of an ANCHOR frame apart."""
 
     def read(reader: Reader) -> tuple[AnchorKey, Anchor]:
-        key = AnchorKey(reader.byte(), reader.byte(), reader.uint())
+        key = AnchorKey(reader.uint(), reader.byte(), reader.uint())
         version, is_moved = divmod(reader.uint(), 2)
         pose = reader.pose()
         corrected = reader.pose() if is_moved else pose
@@ -176,7 +176,7 @@ class Fix:
 def pack_fix(fix: Fix) -> bytes:
     """Return the payload of a FIX frame."""
     out = Writer()
-    out.byte(fix.robot)
+    out.uint(fix.robot)
     out.uint(round(fix.t_s * 100))
     out.pose(fix.pose)
     out.variance(fix.variance)
@@ -185,7 +185,7 @@ def pack_fix(fix: Fix) -> bytes:
 
 def unpack_fix(data: bytes) -> Fix:
     """Take the payload of a FIX frame apart."""
-    return whole(data, lambda r: Fix(r.byte(), r.uint() / 100, r.pose(), r.variance()))
+    return whole(data, lambda r: Fix(r.uint(), r.uint() / 100, r.pose(), r.variance()))
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def pack_tethers(commands: Sequence[TetherCommand]) -> bytes:
     """Return the payload of a TETHER frame: one command for each Anchor-bot concerned."""
     out = Writer()
     for command in commands:
-        out.byte(command.robot)
+        out.uint(command.robot)
         out.uint(round(command.target_m * 100))
         out.uint(round(command.rate_mps * 1000))
     return bytes(out.data)
@@ -212,5 +212,5 @@ def unpack_tethers(data: bytes) -> list[TetherCommand]:
     reader = Reader(data)
     commands: list[TetherCommand] = []
     while not reader.at_end:
-        commands.append(TetherCommand(reader.byte(), reader.uint() / 100, reader.uint() / 1000))
+        commands.append(TetherCommand(reader.uint(), reader.uint() / 100, reader.uint() / 1000))
     return commands

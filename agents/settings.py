@@ -121,6 +121,10 @@ class SharingSettings(Settings):
     """Share of the link that the team's reports of what was heard may take."""
     status_s: Positive = 10.0
     """Least seconds between two statuses of a robot that moves."""
+    horizon_m: Positive | None = None
+    """What others measured farther off than this a robot does not pass on, and only team-mates
+    that it has heard lately count (policies `value` and `latest-first`). For teams that are larger
+    than their radios reach; left out, everything is for everybody."""
 
 
 class TetherSettings(Settings):

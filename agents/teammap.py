@@ -3,68 +3,23 @@
 Derived, never sent. Nobody fuses fused maps: within one origin, whose submaps share their drift,
 the surest submap of each cell counts; over origins, which measured independently, information
 adds up (Sujan & Meggiolaro, Eqs. 19-21). Laying a tile adds the covariance of its anchor, and of
-the codec's error bound. What that means for a cell is its kind's affair (`agents.maps.kind`).
+the codec's error bound. What that means for a cell is its kind's affair (`agents.maps.kind`); how
+tiles are laid, `agents.patchwork`'s.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Iterable
 from functools import partial
 from typing import Generic
 
 import numpy as np
 
-from agents.geometry import Bools, GridFrame
-from agents.layers import Anchor, OwnLayer
-from agents.maps.kind import EVERYWHERE, E, MapKind, S, Window
+from agents.geometry import Bools
+from agents.layers import OwnLayer
+from agents.maps.kind import E, MapKind, S
+from agents.patchwork import Patchwork, Sheet, TileGrid, whole_drawing
 from agents.store import AnchorKey, Origin, Store, TileKey
 
-
-@dataclass(frozen=True)
-class TileGrid:
-    """How the team grid is cut into square tiles, row by row from the south-west."""
-
-    frame: GridFrame
-    tile_cells: int
-
-    @property
-    def across(self) -> int:
-        """Tiles in one row."""
-        return -(-self.frame.cols // self.tile_cells)
-
-    @property
-    def count(self) -> int:
-        """Tiles in all."""
-        return self.across * -(-self.frame.rows // self.tile_cells)
-
-    def window(self, tile: int) -> Window:
-        """Return the cells of a tile; tiles at the north and east edge may be smaller."""
-        row, col = divmod(tile, self.across)
-        side = self.tile_cells
-        return (
-            slice(row * side, min((row + 1) * side, self.frame.rows)),
-            slice(col * side, min((col + 1) * side, self.frame.cols)),
-        )
-
-    def shape(self, tile: int) -> tuple[int, int]:
-        """Return a tile's rows and columns."""
-        rows, cols = self.window(tile)
-        return rows.stop - rows.start, cols.stop - cols.start
-
-    def touched(self, mask: Bools) -> list[int]:
-        """Return the tiles in which a mask (rows, cols) has a cell."""
-        rows, cols = np.nonzero(mask)
-        tiles = (rows // self.tile_cells) * self.across + cols // self.tile_cells
-        return [int(t) for t in np.unique(tiles)]
-
-
-@dataclass(frozen=True)
-class _Sheet(Generic[E]):
-    """A submap that is to be laid."""
-
-    mark: tuple[int, int]
-    """Changes when the drawing or its anchor does."""
-    draw: Callable[[], E]
-    anchor: Anchor
+__all__ = ["TeamMap", "TileGrid"]
 
 
 class TeamMap(Generic[S, E]):
@@ -82,29 +37,69 @@ class TeamMap(Generic[S, E]):
         self._drawn: dict[AnchorKey, dict[int, E]] = {}
         """The tiles of each submap that tell something: a grid each would let a few bytes, which
         name many submaps, take much memory."""
+        self._undrawn: set[TileKey] = set()
+        """Tiles of which more is in the store than is drawn."""
         self._revisions: dict[AnchorKey, int] = {}
-        self._folds: dict[
-            tuple[Origin, tuple[bool, bool]], tuple[tuple[tuple[int, int], ...], E]
-        ] = {}
+        self._known_cells: dict[AnchorKey, dict[int, int]] = {}
         self._decoded: dict[TileKey, list[tuple[tuple[int, int], E]]] = {}
-        self._fused: E | None = None
-        self._heard: E | None = None
-        self._layers: dict[Origin, E] | None = None
-        self._relative: E | None = None
+        self._own_drawn: dict[tuple[int, int, bool], E | None] = {}
+        """Tiles of own submaps, by (submap, tile, as sent), made when they are first needed."""
+        self._fused: Patchwork[S, E] = Patchwork(kind, grid, with_anchors=True)
+        self._relative: Patchwork[S, E] = Patchwork(kind, grid, with_anchors=False)
+        self._heard: Patchwork[S, E] = Patchwork(kind, grid, with_anchors=True, counts_bits=True)
+
+    # --- what changed ---------------------------------------------------------------------
 
     def tile_changed(self, key: TileKey) -> None:
-        """Redraw a tile whose payload grew."""
-        anchor_key = AnchorKey(key.robot, key.incarnation, key.submap)
-        tile = self.tile_estimate(key)
-        if not tile.known.any() and key.tile not in self._drawn.get(anchor_key, {}):
-            return
-        self._drawn.setdefault(anchor_key, {})[key.tile] = tile
-        self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
-        self.own_changed()
+        """Note that a tile's payload grew; it is decoded when somebody asks for the map."""
+        self._undrawn.add(key)
+        if key.origin != self.me:  # of its own it has the whole
+            self._lies_anew(AnchorKey(*key[:3]), [key.tile])
+
+    def _draw(self) -> None:
+        """Draw all tiles whose payload grew."""
+        for key in sorted(self._undrawn):
+            anchor_key = AnchorKey(*key[:3])
+            tile = self.tile_estimate(key)
+            cells = int(np.count_nonzero(tile.known))
+            if cells or key.tile in self._drawn.get(anchor_key, {}):
+                self._drawn.setdefault(anchor_key, {})[key.tile] = tile
+                self._known_cells.setdefault(anchor_key, {})[key.tile] = cells
+                self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
+        self._undrawn.clear()
+
+    def anchor_changed(self, key: AnchorKey) -> None:
+        """Note that a submap has an anchor now, or another one."""
+        self._draw()
+        self._lies_anew(key, list(self._drawn.get(key, {})))
+
+    def _lies_anew(self, key: AnchorKey, tiles: list[int]) -> None:
+        anchor = self.store.anchors.get(key)
+        for patchwork in (self._fused, self._relative, self._heard):
+            if anchor is not None and (anchor.is_moved or anchor.version > 0):
+                patchwork.all_changed()  # it lies where its anchor was moved to
+            else:
+                patchwork.changed(tiles)
+
+    def own_tiles_changed(self, submap: int, tiles: Iterable[int]) -> None:
+        """Note that this robot measured something in tiles of a submap."""
+        tiles = list(tiles)
+        for tile in tiles:
+            for as_sent in (False, True):
+                self._own_drawn.pop((submap, tile, as_sent), None)
+        for patchwork in (self._fused, self._relative, self._heard):
+            if self.own.submaps[submap].anchor.is_moved:
+                patchwork.all_changed()
+            else:
+                patchwork.changed(tiles)
 
     def own_changed(self) -> None:
-        """Note that this robot measured something, or that an anchor moved."""
-        self._fused = self._heard = self._layers = self._relative = None
+        """Note that anything may have changed, of its own layer or of the anchors."""
+        self._own_drawn.clear()
+        for patchwork in (self._fused, self._relative, self._heard):
+            patchwork.all_changed()
+
+    # --- what is heard --------------------------------------------------------------------
 
     def tile_estimate(self, key: TileKey) -> E:
         """Decode what the store has of a tile, before its anchor is applied.
@@ -131,113 +126,74 @@ class TeamMap(Generic[S, E]):
         self._decoded[key] = fresh
         return [tile for _, tile in fresh]
 
+    # --- what is known --------------------------------------------------------------------
+
     def fused(self) -> E:
         """Return the team map as this robot plans on it: its own layer at full fineness."""
-        if self._fused is None:
-            self._fused = self._fuse((False, True))
-        return self._fused
+        return self._fused.laid(lambda: self._sheets(own_as_sent=False))
 
     def relative(self) -> E:
         """Return the team map without the anchors' covariance: each place against its neighbours.
 
         How sure the map is of its place as a whole does not matter to a wheel.
         """
-        if self._relative is None:
-            self._relative = self._fuse((False, False))
-        return self._relative
+        return self._relative.laid(lambda: self._sheets(own_as_sent=False))
 
     def as_heard(self) -> E:
         """Return the team map with the own cells no finer than team-mates can have them."""
-        if self._heard is None:
-            layers = list(self._layers_as_heard().values())
-            self._heard = self.kind.fuse(layers, self.grid.frame.shape)
-        return self._heard
+        return self._heard.laid(lambda: self._sheets(own_as_sent=True))
 
     def layer_bits(self) -> dict[Origin, float]:
         """Return the information that is here of each origin's layer, each taken by itself.
 
         The own layer counts as team-mates can have it, once all of it was sent.
         """
-        layers = self._layers_as_heard()
-        return {origin: self.kind.bits(layer) for origin, layer in layers.items()}
-
-    def _layers_as_heard(self) -> dict[Origin, E]:
-        if self._layers is None:
-            self._layers = self._fold_all((True, True))
-        return self._layers
+        self.as_heard()
+        return self._heard.bits()
 
     def known_entries(self) -> int:
         """Count the known (origin, submap, cell) entries, own unpublished cells included."""
+        self._draw()
         heard = sum(
-            int(np.count_nonzero(tile.known))
-            for key, tiles in self._drawn.items()
-            for tile in tiles.values()
+            sum(cells.values())
+            for key, cells in self._known_cells.items()
             if Origin(key.robot, key.incarnation) != self.me
         )
         return heard + self.own.known_cells()
 
     def published_mask(self, origin: Origin, submap: int) -> Bools:
         """Return the cells of a submap of which anything was published (and is here)."""
-        return self._drawing(AnchorKey(*origin, submap)).known
+        self._draw()
+        tiles = self._drawn.get(AnchorKey(*origin, submap), {})
+        return whole_drawing(self.kind, self.grid, tiles.get).known
 
-    def _fuse(self, way: tuple[bool, bool]) -> E:
-        """Fuse all layers: with the own one (as sent), with the anchors' covariance."""
-        return self.kind.fuse(list(self._fold_all(way).values()), self.grid.frame.shape)
+    def _sheets(self, *, own_as_sent: bool) -> list[Sheet[E]]:
+        """Return all submaps that can be laid, by origin, oldest first.
 
-    def _fold_all(self, way: tuple[bool, bool]) -> dict[Origin, E]:
-        origins = self._sheets(own_as_sent=way[0])
-        return {origin: self._fold(origin, origins[origin], way) for origin in sorted(origins)}
-
-    def _sheets(self, *, own_as_sent: bool) -> dict[Origin, list[_Sheet[E]]]:
-        """Return all submaps that can be laid, by origin, oldest first."""
-        origins: dict[Origin, list[_Sheet[E]]] = {}
-        for key in sorted(self._drawn):
-            origin = Origin(key.robot, key.incarnation)
-            anchor = self.store.anchors.get(key)
-            if origin == self.me or anchor is None:
-                continue  # without an anchor nobody knows where the submap lies
-            mark = (self._revisions[key], anchor.version)
-            sheet = _Sheet(mark, partial(self._drawing, key), anchor)
-            origins.setdefault(origin, []).append(sheet)
-        draw = self._own_as_sent if own_as_sent else self._own_drawing
-        for index, submap in enumerate(self.own.submaps):
-            mark = (submap.revision, submap.anchor.version)
-            sheet = _Sheet(mark, partial(draw, index), submap.anchor)
-            origins.setdefault(self.me, []).append(sheet)
-        return origins
-
-    def _drawing(self, key: AnchorKey) -> E:
-        """Return all that was heard of a submap, before its anchor is applied."""
-        drawing = self.kind.blank(self.grid.frame.shape)
-        for number, tile in self._drawn.get(key, {}).items():
-            self.kind.paste(drawing, self.grid.window(number), tile)
-        return drawing
-
-    def _own_drawing(self, index: int) -> E:
-        return self.kind.drawn(self.own.submaps[index], EVERYWHERE)
-
-    def _own_as_sent(self, index: int) -> E:
-        return self.kind.as_sent(self.own.submaps[index])
-
-    def _fold(self, origin: Origin, sheets: list[_Sheet[E]], way: tuple[bool, bool]) -> E:
-        """Return the surest of an origin's submaps, cell by cell.
-
-        All but the newest seldom change: they are laid once, and kept laid.
+        Without an anchor nobody knows where a submap lies.
         """
-        older, newest = sheets[:-1], sheets[-1]
-        marks = tuple(sheet.mark for sheet in older)
-        kept = self._folds.get((origin, way))
-        if kept is None or kept[0] != marks:
-            fold = self.kind.blank(self.grid.frame.shape)
-            for sheet in older:
-                fold = self.kind.surest(fold, self._laid(sheet, way))
-            kept = (marks, fold)
-            self._folds[origin, way] = kept
-        return self.kind.surest(kept[1], self._laid(newest, way))
+        self._draw()
+        heard = [
+            Sheet(key, self.store.anchors[key], self._drawn[key].get, self._revisions[key])
+            for key in self._drawn
+            if key[:2] != self.me and key in self.store.anchors
+        ]
+        mine = [
+            Sheet(
+                AnchorKey(*self.me, index),
+                submap.anchor,
+                partial(self._own_tile, index, own_as_sent),
+                submap.revision,
+            )
+            for index, submap in enumerate(self.own.submaps)
+        ]
+        return sorted([*heard, *mine], key=lambda sheet: sheet.key)
 
-    def _laid(self, sheet: _Sheet[E], way: tuple[bool, bool]) -> E:
-        """Lay a submap by its anchor: move it to the corrected pose and add its covariance."""
-        drawing, frame = sheet.draw(), self.grid.frame
-        if sheet.anchor.is_moved:
-            drawing = self.kind.moved(drawing, sheet.anchor, frame)
-        return self.kind.blurred(drawing, sheet.anchor, frame) if way[1] else drawing
+    def _own_tile(self, index: int, as_sent: bool, tile: int) -> E | None:
+        """Return what was measured of a tile of an own submap; None: nothing."""
+        place = (index, tile, as_sent)
+        if place not in self._own_drawn:
+            submap, window = self.own.submaps[index], self.grid.window(tile)
+            drawn = (self.kind.as_sent if as_sent else self.kind.drawn)(submap, window)
+            self._own_drawn[place] = drawn if drawn.known.any() else None
+        return self._own_drawn[place]

@@ -1,8 +1,8 @@
 """The envelope of a frame on a thin link: who, which, what, and a proof that a team-mate made it.
 
     byte 0      version (high nibble) and kind (low nibble)
-    byte 1      sender: index in the team's roster
-    byte 2      incarnation of the sender (one more after each restart)
+    1..2 bytes  sender: index in the team's roster, seven bits a byte as below
+    1 byte      incarnation of the sender (one more after each restart)
     1..3 bytes  sequence number, seven bits a byte, lowest first, high bit = more follow
     payload
     6 bytes     BLAKE2s, keyed with the team's key, over all bytes before it
@@ -18,7 +18,7 @@ from typing import ClassVar, Literal
 
 from comms.errors import CommsError
 
-VERSION = 0xA
+VERSION = 0xB
 """High nibble of the first byte: magic and version in one; a change of layout takes another."""
 MAC_BYTES = 6
 """Length of the authentication code.
@@ -31,12 +31,14 @@ hence one success in about 7000 years, and it can't be tried off the air without
 MAX_SEQ = (1 << 21) - 1
 """Largest sequence number that three bytes of seven bits hold."""
 ENVELOPE_BYTES = 3 + 3 + MAC_BYTES
-"""Bytes around a payload at the worst (sequence numbers of 16384 and above)."""
+"""Bytes around a payload at the worst (sequence numbers of 16384 and above), of the first 128."""
+WIDEST_ENVELOPE_BYTES = ENVELOPE_BYTES + 1
+"""The same of all others in a larger team."""
 MAX_FRAME_BYTES = 4096
 """No longer frame is opened or sealed, whatever the link."""
 WINDOW = 256
 """Sequence numbers behind the newest that may still come late, each once."""
-MAX_TEAM = 255
+MAX_TEAM = 1 << 14
 MIN_KEY_BYTES = 16
 MAX_KEY_BYTES = 32
 
@@ -128,27 +130,33 @@ def _mac(key: bytes, body: bytes) -> bytes:
     return hashlib.blake2s(body, key=key, digest_size=MAC_BYTES, person=b"ropeteam").digest()
 
 
-def _seq_bytes(seq: int) -> bytes:
+def _bytes_of(number: int) -> bytes:
     out = bytearray()
-    while seq > 0x7F:
-        out.append(0x80 | seq & 0x7F)
-        seq >>= 7
-    out.append(seq)
+    while number > 0x7F:
+        out.append(0x80 | number & 0x7F)
+        number >>= 7
+    out.append(number)
     return bytes(out)
 
 
-def _take_seq(body: bytes, at: int) -> tuple[int, int]:
-    """Return (sequence number, offset behind it)."""
-    seq = 0
-    for place in range(3):
+def _take(body: bytes, at: int, most_bytes: int, what: str) -> tuple[int, int]:
+    """Return (number, offset behind it)."""
+    number = 0
+    for place in range(most_bytes):
         if at >= len(body):
             break
         byte = body[at]
         at += 1
-        seq |= (byte & 0x7F) << (7 * place)
+        number |= (byte & 0x7F) << (7 * place)
         if byte < 0x80:
-            return seq, at
-    raise DamagedError("the sequence number does not end within three bytes")
+            return number, at
+    raise DamagedError(f"the {what} does not end within {most_bytes} bytes")
+
+
+def _take_byte(body: bytes, at: int) -> tuple[int, int]:
+    if at >= len(body):
+        raise DamagedError("the frame ends before its incarnation")
+    return body[at], at + 1
 
 
 class Sealer:
@@ -164,8 +172,13 @@ class Sealer:
         if not 0 <= incarnation <= 255:
             raise SealError(f"incarnation is {incarnation}; 0 to 255 are allowed")
         self._key = _checked_key(key)
-        self._identity = bytes((sender, incarnation))
+        self._identity = _bytes_of(sender) + bytes((incarnation,))
         self._next_seq = 0
+
+    @property
+    def envelope_bytes(self) -> int:
+        """Bytes around this sender's payloads at the worst."""
+        return ENVELOPE_BYTES + len(self._identity) - 2
 
     @property
     def next_seq(self) -> int:
@@ -174,15 +187,14 @@ class Sealer:
 
     def seal(self, kind: Kind, payload: bytes) -> bytes:
         """Return the next frame; raise SealError if it is too long or the numbers are used up."""
-        if len(payload) > MAX_FRAME_BYTES - ENVELOPE_BYTES:
-            raise SealError(
-                f"payload has {len(payload)} bytes; {MAX_FRAME_BYTES - ENVELOPE_BYTES} are allowed"
-            )
+        most_bytes = MAX_FRAME_BYTES - self.envelope_bytes
+        if len(payload) > most_bytes:
+            raise SealError(f"payload has {len(payload)} bytes; {most_bytes} are allowed")
         if self._next_seq > MAX_SEQ:
             raise SealError(
                 f"sequence number is {self._next_seq}; an incarnation has 0 to {MAX_SEQ}"
             )
-        head = bytes((VERSION << 4 | kind,)) + self._identity + _seq_bytes(self._next_seq)
+        head = bytes((VERSION << 4 | kind,)) + self._identity + _bytes_of(self._next_seq)
         self._next_seq += 1
         body = head + payload
         return body + _mac(self._key, body)
@@ -238,8 +250,9 @@ class Opener:
         it says where the code is.
         """
         kind_bits, body = self._authentic(data)
-        sender, incarnation = body[1], body[2]
-        seq, start = _take_seq(body, 3)
+        sender, at = _take(body, 1, 2, "sender index")
+        incarnation, at = _take_byte(body, at)
+        seq, start = _take(body, at, 3, "sequence number")
         if kind_bits not in Kind.__members__.values():
             raise BadVersionError(f"kind is {kind_bits}; 1 to {max(Kind)} are known")
         if sender >= self._team_size:

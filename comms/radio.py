@@ -13,7 +13,7 @@ from comms.air import Air, Packet
 from comms.ears import Passing
 from comms.errors import CommsError
 from comms.faults import Verdict, with_flips
-from comms.frames import ENVELOPE_BYTES, URGENT, Frame, FrameError, Kind, Opener, Sealer
+from comms.frames import URGENT, Frame, FrameError, Kind, Opener, Sealer
 from comms.link import Receiver, Transmission, Transmitter
 from comms.profiles import LinkProfile
 from comms.timebase import now_ns, sleep_until_ns, to_s
@@ -100,7 +100,7 @@ class Radio:
     @property
     def payload_bytes(self) -> int:
         """Longest payload that the next frame can hold; 0 while no link carries anything."""
-        return max(0, self._transmitter.frame_bytes - ENVELOPE_BYTES)
+        return max(0, self._transmitter.frame_bytes - self._sealer.envelope_bytes)
 
     @property
     def next_seq(self) -> int:
@@ -177,7 +177,7 @@ class Radio:
 
     def _next(self, t_ns: int) -> Outgoing | None:
         """Return what goes out next, if anything may and wants to."""
-        room_bytes = max(0, self._transmitter.room_bytes(t_ns) - ENVELOPE_BYTES)
+        room_bytes = max(0, self._transmitter.room_bytes(t_ns) - self._sealer.envelope_bytes)
         if room_bytes == 0:
             return None
         outgoing = self._next_urgent(t_ns) or self._choose(t_ns, room_bytes)

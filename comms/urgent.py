@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from comms.errors import CommsError
-from comms.frames import ENVELOPE_BYTES, URGENT, Kind
+from comms.frames import URGENT, WIDEST_ENVELOPE_BYTES, Kind
 from comms.profiles import MIN_FRAME_BYTES
 
-URGENT_BYTES = MIN_FRAME_BYTES - ENVELOPE_BYTES
+URGENT_BYTES = MIN_FRAME_BYTES - WIDEST_ENVELOPE_BYTES
 """Longest urgent payload: it fits every link, also one that changes while it waits."""
 URGENT_SLOTS = 32
 """Payloads (kinds times keys) that may wait at once."""

@@ -40,7 +40,11 @@ class TransportError(CommsError):
 
 
 def hub_config(
-    lease_ms: int, listen: str, credentials: Credentials | None, robots: Sequence[str]
+    lease_ms: int,
+    listen: str,
+    credentials: Credentials | None,
+    robots: Sequence[str],
+    machines: Sequence[str] = (),
 ) -> Tree:
     """Return the whole configuration of a hub, as Zenoh's own router takes it too.
 
@@ -48,7 +52,7 @@ def hub_config(
         SecurityError: see `comms.zenoh_security.hub_settings`.
 
     """
-    security = hub_settings(listen, credentials, robots)
+    security = hub_settings(listen, credentials, robots, machines)
     config = _merged(_plain("router", [listen], [], lease_ms), security)
     config["scouting"]["delay"] = 0  # milliseconds that a router would wait for others
     config["adminspace"] = {"enabled": True}
@@ -128,13 +132,15 @@ class Wire:
         self.endpoint = endpoint
         self._kept: list[Any] = []
 
-    def put(self, key: str, data: bytes) -> None:
+    def put(self, key: str, data: bytes, *, may_drop: bool = False) -> None:
         """Send a message; it is never dropped, and keeps its order.
 
         A plain put goes to the router whether or not a receiver is known here: a declared publisher
-        would drop what it sends before news of a fresh subscription has reached it.
+        would drop what it sends before news of a fresh subscription has reached it. What `may_drop`
+        does not wait where the way is blocked: a robot must not hang because a cable was cut.
         """
-        self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
+        control = zenoh.CongestionControl.DROP if may_drop else zenoh.CongestionControl.BLOCK
+        self._session.put(key, data, congestion_control=control)
 
     def channel(self, key_expr: str) -> Channel:
         """Return a channel of all messages on some keys."""
@@ -194,6 +200,7 @@ def open_hub(
     listen: str = LOOPBACK,
     credentials: Credentials | None = None,
     robots: Sequence[str] = (),
+    machines: Sequence[str] = (),
 ) -> Wire:
     """Open the router: on a free port of the loopback interface, if nothing else is said.
 
@@ -203,13 +210,14 @@ def open_hub(
         credentials: the hub's own. With them clients need certificates of the same authority, and
             may do only what `comms.zenoh_security.access_control` allows to `robots`.
         robots: who may speak; of no meaning without credentials.
+        machines: which computers may run simulated robots, and speak for any; likewise.
 
     Raises:
         SecurityError: the credentials can't be used, or `listen` may not be used without.
         TransportError: the port could not be opened.
 
     """
-    config = hub_config(lease_ms, listen, credentials, robots)
+    config = hub_config(lease_ms, listen, credentials, robots, machines)
     try:
         session = open_session(config)
     except zenoh.ZError as error:

@@ -18,6 +18,7 @@ from comms.errors import CommsError
 LOOPBACK = "tcp/127.0.0.1:0"
 """A free port that no other computer can reach."""
 TEAM_KEYS = "team/**"
+WORLD_KEYS = "world/**"
 _ROBOT = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,31}")
 _ENDPOINT = re.compile(r"(tcp|tls)/(.+):(\d+)")
 
@@ -63,13 +64,19 @@ class Credentials:
             )
 
 
-def hub_settings(listen: str, credentials: Credentials | None, robots: Sequence[str]) -> Tree:
+def hub_settings(
+    listen: str,
+    credentials: Credentials | None,
+    robots: Sequence[str],
+    machines: Sequence[str] = (),
+) -> Tree:
     """Return what a hub's configuration says of transport and access, beyond what any says.
 
     Args:
         listen: the endpoint, as tcp/HOST:PORT on loopback or tls/HOST:PORT.
         credentials: the hub's; None: without, which only loopback may be.
         robots: the common names of the robots' certificates, which are their names in the team.
+        machines: those of computers that simulate robots.
 
     Raises:
         SecurityError: the endpoint may not be used so, a file can't, or a name is none.
@@ -81,7 +88,7 @@ def hub_settings(listen: str, credentials: Credentials | None, robots: Sequence[
     tls = _tls(credentials)
     tls["listen_certificate"] = str(credentials.certificate)
     tls["listen_private_key"] = str(credentials.private_key)
-    return {"transport": _only_tls(tls), "access_control": access_control(robots)}
+    return {"transport": _only_tls(tls), "access_control": access_control(robots, machines)}
 
 
 def client_settings(endpoint: str, credentials: Credentials | None) -> Tree:
@@ -100,20 +107,22 @@ def client_settings(endpoint: str, credentials: Credentials | None) -> Tree:
     return {"transport": _only_tls(tls)}
 
 
-def access_control(robots: Sequence[str]) -> Tree:
+def access_control(robots: Sequence[str], machines: Sequence[str] = ()) -> Tree:
     """Return the hub's rules: a robot puts on its own keys and hears the team's; no more.
 
     A robot is known by the common name of its certificate. Whoever has a certificate of the same
-    authority and another name gets in, and can neither speak nor hear.
+    authority and another name gets in, and can neither speak nor hear. A machine (the runner's
+    computer, or one that is offered to it) simulates whole robots: it may say and hear all.
 
     Raises:
-        SecurityError: a name is none, there twice, or there is no robot.
+        SecurityError: a name is none, there twice, or there is nobody.
 
     """
-    wrong = [name for name in robots if not _ROBOT.fullmatch(name)]
-    if wrong or not robots or len(set(robots)) < len(robots):
+    names = [*robots, *machines]
+    wrong = [name for name in names if not _ROBOT.fullmatch(name)]
+    if wrong or not names or len(set(names)) < len(names):
         raise SecurityError(
-            f"robots are {', '.join(map(repr, robots)) or 'none'}; at least one is needed, each "
+            f"robots are {', '.join(map(repr, names)) or 'none'}; at least one is needed, each "
             f"once, by a name of letters, digits, - and _"
         )
     hear = [
@@ -121,14 +130,23 @@ def access_control(robots: Sequence[str]) -> Tree:
         _rule("hear", ["put"], "egress", TEAM_KEYS),
     ]
     speak = [_rule(f"speak-{name}", ["put"], "ingress", f"team/{name}/**") for name in robots]
+    policies = [
+        {"subjects": [name], "rules": ["subscribe", "hear", f"speak-{name}"]} for name in robots
+    ]
+    if machines:
+        words = ["put", "declare_subscriber"]
+        simulate = [
+            _rule(f"simulate-{flow}", words, flow, TEAM_KEYS, WORLD_KEYS)
+            for flow in ("ingress", "egress")
+        ]
+        speak += simulate
+        policies.append({"subjects": list(machines), "rules": [rule["id"] for rule in simulate]})
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [*hear, *speak],
-        "subjects": [{"id": name, "cert_common_names": [name]} for name in robots],
-        "policies": [
-            {"subjects": [name], "rules": ["subscribe", "hear", f"speak-{name}"]} for name in robots
-        ],
+        "rules": [*hear, *speak] if robots else speak,
+        "subjects": [{"id": name, "cert_common_names": [name]} for name in names],
+        "policies": policies,
     }
 
 
@@ -172,11 +190,11 @@ def _only_tls(tls: Tree) -> Tree:
     return {"link": {"protocols": ["tls"], "tls": tls}}
 
 
-def _rule(name: str, messages: list[str], flow: str, keys: str) -> Tree:
+def _rule(name: str, messages: list[str], flow: str, *keys: str) -> Tree:
     return {
         "id": name,
         "messages": messages,
         "flows": [flow],
         "permission": "allow",
-        "key_exprs": [keys],
+        "key_exprs": list(keys),
     }

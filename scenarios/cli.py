@@ -10,11 +10,13 @@ import traceback
 from collections.abc import Sequence
 
 from scenarios.commands import (
+    agent,
     building,
     chaos,
     compare,
     experiment,
     export,
+    host,
     link,
     map,
     plot,
@@ -49,6 +51,8 @@ COMMANDS = (
     report,
     compare,
     show,
+    host,
+    agent,
 )
 
 

@@ -29,6 +29,8 @@ class Cost:
 
     cpu_s: float = 0.0
     peak_memory_bytes: int = 0
+    unique_memory_bytes: int | None = None
+    """What it shared with no other process in the end, where that is known."""
 
 
 class Crew(Protocol):

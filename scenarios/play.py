@@ -75,6 +75,8 @@ class Play(ABC):
         """Why the run ended: settled, limit, fault, interrupted or nobody left."""
         self.first_grant_s = 0.0
         """Performance counter when the robots were let go."""
+        self.launch_s = 0.0
+        """Wall seconds from the order to start the first robots until all were up."""
         self.grants = 0
         """Windows of virtual time that were granted."""
         self._segments: dict[str, list[Any]] = {name: [] for name in self.roster}

@@ -1,28 +1,25 @@
 """Robots as processes: forked from a warm server, joined by a Zenoh router in the runner.
 
 Grants, reports and packets go through the same router, in order: a report arrives behind the
-packets that it counts, so a robot that is granted a window finds them waiting.
+packets that it counts, so a robot that is granted a window finds them waiting. What such a process
+does is in `scenarios.robotprocess`; processes on other computers are in `scenarios.hosts`.
 """
 
 import contextlib
-import ctypes
 import os
-import resource
 import signal
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing import connection, forkserver, get_context
 from multiprocessing.context import ForkServerProcess
-from typing import Any, cast
+from typing import Any, Protocol
 
-from comms.air import Packet, PacketError
-from comms.zenoh_air import Channel, Wire, open_client, open_hub
-from scenarios.crew import Cost, Inbox, Obituary, cpu_s
-from scenarios.host import Host
-from scenarios.realtime import serve_real
+from comms.zenoh_air import Wire, open_hub
+from scenarios.crew import Cost, Obituary
+from scenarios.robotprocess import robot_main
 from scenarios.wire import Grant, Plan, Report
-from sim.clock import VirtualLoop
 
 HANG_S = 120.0
 """A process that owes a report for so long (wall) hangs, and is killed."""
@@ -34,7 +31,13 @@ POLL_S = 0.002
 """Pause (wall) when nothing has come."""
 PRELOAD = ["scenarios.preload"]
 """What the fork server imports before the first robot is forked: everything, kernels included."""
-PR_SET_PDEATHSIG = 1
+OBITUARY = b"\xc1"
+"""A report that begins so is none (MessagePack never does): which process ended, and why."""
+
+
+def obituary(number: int, why: str) -> bytes:
+    """Return what is told, in place of a report, of a process by the number of its start."""
+    return OBITUARY + number.to_bytes(4, "big") + why.encode()
 
 
 def start_fork_server() -> None:
@@ -43,116 +46,76 @@ def start_fork_server() -> None:
     forkserver.ensure_running()
 
 
-# --- in the robot's process -------------------------------------------------------------
+class Process(Protocol):
+    """A robot's process, wherever it runs."""
+
+    def kill(self) -> None:
+        """End it at once (SIGKILL); what is left of it is cleared away by `forget`."""
+        ...
+
+    def forget(self) -> None:
+        """Clear away a process that was killed."""
+        ...
+
+    def join(self, most_s: float) -> None:
+        """Wait until it has ended by itself, or for so long (wall)."""
+        ...
+
+    def stop(self) -> None:
+        """Hang it (SIGSTOP)."""
+        ...
+
+    def resume(self) -> None:
+        """Let it go on (SIGCONT)."""
+        ...
+
+    def ended(self) -> str | None:
+        """Return why it has ended; None while it has not."""
+        ...
 
 
-def robot_main(plan: Plan) -> None:
-    """Be one robot's process, on the virtual clock: take grants, run windows, give reports."""
-    prepare_process()
-    wire = open_client(plan.endpoint)
-    try:
-        _serve(plan, wire)
-    finally:
-        wire.close()
+class LocalProcess:
+    """A robot's process on this computer, forked from the warm server."""
 
+    def __init__(self, name: str, main: Callable[..., None], *args: Any) -> None:
+        """Fork it."""
+        context = get_context("forkserver")
+        self._process: ForkServerProcess = context.Process(target=main, args=args, name=name)
+        self._process.start()
 
-def prepare_process() -> None:
-    """Leave Ctrl-C to the runner, and die when it does: no orphan is left behind."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(OSError):  # where the kernel has no such thing
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    # The fork server, whose death that signal tells, lives on while anybody holds this end of its
-    # pipe; every process that it forks gets one, and so would keep itself alive.
-    server = cast("Any", forkserver)._forkserver  # there is no public name for it
-    if server._forkserver_alive_fd is not None:
-        os.close(server._forkserver_alive_fd)
-        server._forkserver_alive_fd = None
+    def kill(self) -> None:
+        """See `Process`."""
+        self._process.kill()
 
+    def forget(self) -> None:
+        """See `Process`."""
+        self._process.join()
+        self._process.close()
 
-class OnZenoh:
-    """Carries a host's packets over Zenoh."""
+    def join(self, most_s: float) -> None:
+        """See `Process`."""
+        self._process.join(most_s)
 
-    def __init__(self, wire: Wire, name: str) -> None:
-        """Send as the robot of this name; its incarnation is known once it lives."""
-        self._wire, self._name = wire, name
-        self.life = 0
+    def stop(self) -> None:
+        """See `Process`."""
+        self._signal(signal.SIGSTOP)
 
-    def put(self, packet: Packet) -> None:
-        """Put a packet on the team plane."""
-        self._wire.put(f"team/{self._name}/{self.life}", packet.to_wire())
+    def resume(self) -> None:
+        """See `Process`."""
+        self._signal(signal.SIGCONT)
 
+    def _signal(self, number: signal.Signals) -> None:
+        pid = self._process.pid
+        assert pid is not None
+        os.kill(pid, number)  # the process was not joined yet, so the number is still its own
 
-def sender_of(key: str) -> str:
-    """Return who sent a packet (name#incarnation), by its key."""
-    _, name, life = key.split("/")
-    return f"{name}#{life}"
-
-
-def carried(key: str, data: bytes) -> tuple[str, Packet | None]:
-    """Return who put a packet on the air, by its key, and the packet, if it is one of that robot's.
-
-    The hub lets each robot put under its own name only: a packet that names another is a lie.
-    """
-    sender = sender_of(key)
-    try:
-        packet = Packet.from_wire(data)
-    except PacketError:
-        return sender, None
-    return sender, packet if packet.sender == sender.partition("#")[0] else None
-
-
-def _serve(plan: Plan, wire: Wire) -> None:
-    if plan.scenario.clock.mode == "real":
-        _last_words(wire, serve_real(plan, wire, OnZenoh(wire, plan.name), carried))
-        return
-    grants = wire.channel(f"world/grant/{plan.name}")
-    air = wire.channel("team/**")
-    loop = VirtualLoop(list(plan.scenario.robots).index(plan.name), plan.start_ns)
-    inbox = Inbox(plan.baseline)
-    outbox = OnZenoh(wire, plan.name)
-    host = Host(plan, loop, outbox)
-    outbox.life = host.robot.me.incarnation
-    own = f"{plan.name}#{outbox.life}"
-    host.start()
-    _tell(wire, host.report())
-    while True:
-        grant = Grant.from_wire(grants.wait()[1])
-        _listen(air, inbox, own, grant.counts)
-        report = host.run_window(grant, inbox.take(grant.counts))
-        if report.final is not None:
-            report.final["cost"] = (cpu_s(), peak_bytes())
-        _tell(wire, report)
-        if report.final is not None:
-            host.bury()
-            return
-
-
-def _last_words(wire: Wire, report: Report) -> None:
-    assert report.final is not None
-    report.final["cost"] = (cpu_s(), peak_bytes())
-    _tell(wire, report)
-
-
-def _tell(wire: Wire, report: Report) -> None:
-    wire.put(f"world/report/{report.name}", report.to_wire())
-
-
-def _listen(air: Channel, inbox: Inbox, own: str, counts: dict[str, int]) -> None:
-    """Take what is on the air, and wait for what a grant says must be there."""
-    while True:
-        message = air.poll()
-        if message is None:
-            if inbox.has(counts):
-                return
-            message = air.wait()
-        sender, packet = carried(*message)
-        if sender != own and packet is not None:
-            inbox.add(sender, packet)
-
-
-def peak_bytes() -> int:
-    """Return the most memory that this process held."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    def ended(self) -> str | None:
+        """See `Process`."""
+        try:
+            has_ended = connection.wait([self._process.sentinel], 0)
+        except ValueError:
+            return None  # it was forgotten meanwhile
+        return _ending(self._process.exitcode) if has_ended else None
 
 
 # --- in the runner ----------------------------------------------------------------------
@@ -160,32 +123,41 @@ def peak_bytes() -> int:
 
 @dataclass
 class _Robot:
-    process: ForkServerProcess
+    process: Process
+    number: int
+    """Of all processes that were started: a robot's next life has another."""
     owes_since_s: float | None
     stopped: bool = False
+    told: bool = False
+    """Its end was announced."""
 
 
 class ZenohCrew:
     """A process per robot."""
 
-    def __init__(self) -> None:
-        """Open the router, and watch over the processes to come."""
+    def __init__(self, wire: Wire | None = None) -> None:
+        """Open the router (or take a wire to one), and watch over the processes to come."""
         self.costs: dict[str, Cost] = {}
-        self._context = get_context("forkserver")
-        self._hub = open_hub()
+        self._hub = wire or open_hub()
         self._reports = self._hub.channel("world/report/*")
         self._robots: dict[str, _Robot] = {}
+        self._started = 0
         self._ended = threading.Event()
         self._watcher = threading.Thread(target=self._watch, name="watcher", daemon=True)
         self._watcher.start()
 
+    def begin(self, plan: Plan, number: int) -> Process:
+        """Start the process of one robot, the so manieth of all."""
+        del number
+        whole = replace(plan, endpoint=self._hub.endpoint)
+        return LocalProcess(plan.name, robot_main, whole)
+
     def launch(self, plans: list[Plan]) -> None:
-        """Fork robots, all at once."""
+        """Start robots, all at once."""
         for plan in plans:
-            whole = replace(plan, endpoint=self._hub.endpoint)
-            process = self._context.Process(target=robot_main, args=(whole,), name=plan.name)
-            process.start()
-            self._robots[plan.name] = _Robot(process, time.monotonic())
+            self._started += 1
+            process = self.begin(plan, self._started)
+            self._robots[plan.name] = _Robot(process, self._started, time.monotonic())
             self.costs.setdefault(plan.name, Cost())
 
     def grant(self, name: str, grant: Grant) -> None:
@@ -214,10 +186,11 @@ class ZenohCrew:
         robot = self._robots.get(name)
         if robot is None:
             return None  # of a robot that was killed meanwhile
-        if not data:
-            code = robot.process.exitcode
+        if data.startswith(OBITUARY):
+            if int.from_bytes(data[1:5], "big") != robot.number:
+                return None  # of a former life, whose end was known
             self.kill(name)
-            return Obituary(name, f"its process ended ({_ending(code)})")
+            return Obituary(name, f"its process ended ({data[5:].decode()})")
         robot.owes_since_s = None
         report = Report.from_wire(data)
         if report.final is not None:
@@ -226,10 +199,9 @@ class ZenohCrew:
 
     def kill(self, name: str) -> None:
         """End a robot's process with SIGKILL."""
-        robot = self._robots.pop(name)
-        robot.process.kill()
-        robot.process.join()
-        robot.process.close()
+        process = self._robots.pop(name).process
+        process.kill()
+        process.forget()
 
     def dismiss(self, name: str) -> None:
         """Let a process end that has given its last report; it ends by itself, or is ended."""
@@ -239,20 +211,20 @@ class ZenohCrew:
     def stop(self, name: str) -> None:
         """Hang a robot's process with SIGSTOP."""
         self._robots[name].stopped = True
-        self._signal(name, signal.SIGSTOP)
+        self._robots[name].process.stop()
 
     def resume(self, name: str) -> None:
         """Let a robot's process go on with SIGCONT."""
         self._robots[name].stopped = False
-        self._signal(name, signal.SIGCONT)
-
-    def _signal(self, name: str, number: signal.Signals) -> None:
-        pid = self._robots[name].process.pid
-        assert pid is not None
-        os.kill(pid, number)  # the process was not joined yet, so the number is still its own
+        self._robots[name].process.resume()
 
     def close(self) -> None:
         """End what is left: those that have given their last report by themselves, others not."""
+        self.end_robots()
+        self._hub.close()
+
+    def end_robots(self) -> None:
+        """End all processes, and the watch over them."""
         self._ended.set()
         deadline_s = time.monotonic() + CLOSE_S
         for name in list(self._robots):
@@ -261,24 +233,25 @@ class ZenohCrew:
                 robot.process.join(max(0.0, deadline_s - time.monotonic()))
             self.kill(name)
         self._watcher.join()
-        self._hub.close()
+
+    def tend(self) -> None:
+        """Do what is to be done now and then, on the watcher's thread."""
 
     def _watch(self) -> None:
         """Announce processes that have ended, and end those that hang; in a thread of its own.
 
         It decides nothing about a sound run: only what has died outside the scenario is told.
         """
-        told: set[int] = set()
         while not self._ended.wait(LAST_WORDS_S):
+            self.tend()
             for name, robot in list(self._robots.items()):
                 with contextlib.suppress(ValueError):  # closed meanwhile
-                    if robot.process.pid in told:
-                        continue
-                    if connection.wait([robot.process.sentinel], 0):
-                        told.add(robot.process.pid or 0)
+                    why = robot.process.ended()
+                    if why is not None and not robot.told:
+                        robot.told = True
                         time.sleep(LAST_WORDS_S)
-                        self._hub.put(f"world/report/{name}", b"")
-                    elif self._hangs(robot):
+                        self._hub.put(f"world/report/{name}", obituary(robot.number, why))
+                    elif why is None and self._hangs(robot):
                         robot.process.kill()
 
     def _hangs(self, robot: _Robot) -> bool:

@@ -21,10 +21,11 @@ from scenarios.errors import FolderError
 from scenarios.live import LiveView
 from scenarios.overview import Overview, draw
 from scenarios.play import Play
-from scenarios.processes import ZenohCrew, peak_bytes, start_fork_server
+from scenarios.processes import ZenohCrew, start_fork_server
 from scenarios.realtime import RealMemoryCrew, RealRun
 from scenarios.record import write_atomic
 from scenarios.report import report
+from scenarios.robotprocess import peak_bytes
 from scenarios.ros2.bag import BagError, write_bag
 from scenarios.schema import Scenario, dump
 from scenarios.stage import Stage, set_stage
@@ -76,12 +77,15 @@ def run(
     merge: bool = True,
     page: LivePage | None = None,
     beside: Beside | None = None,
+    crew_of: Callable[[], Crew] | None = None,
 ) -> RunResult:
     """Run a scenario and write its records to `out`.
 
     With `picture` also a picture and a report, with `merge` a `run.mcap`. While it goes on it is
     shown on a `page`, if there is one; then there must be a picture too. `beside` is entered with
     the run's folder before the robots start, and left when they ended.
+
+    `crew_of` makes a crew of another kind than the scenario's `air` asks for.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -94,25 +98,23 @@ def run(
     title = scenario.title or scenario.name
     view = LiveView(title, quiet=quiet)
     compile_s = _compile(view)
-    if scenario.air == "zenoh":
+    if scenario.air == "zenoh" and crew_of is None:
         start_fork_server()
     stage = set_stage(scenario)
-    folder.prepare(out, overwrite=overwrite)
-    write_atomic(out / "scenario.toml", dump(scenario))
-    crew = _crew(scenario)
-    is_virtual = scenario.clock.mode == "virtual"
-    play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
-    company = contextlib.nullcontext() if beside is None else beside(out)
-    if picture:
-        play.reel = Reel(stage)
+    crew = crew_of() if crew_of is not None else _crew(scenario)
     with contextlib.closing(page or LivePage()):
-        with company, view, _ctrl_c(play.interrupt):
-            try:
+        with contextlib.closing(crew):
+            folder.prepare(out, overwrite=overwrite)
+            write_atomic(out / "scenario.toml", dump(scenario))
+            is_virtual = scenario.clock.mode == "virtual"
+            play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
+            if picture:
+                play.reel = Reel(stage)
+            company = contextlib.nullcontext() if beside is None else beside(out)
+            with company, view, _ctrl_c(play.interrupt):
                 if page is not None:
                     page.begin(play, title)
                 play.play()
-            finally:
-                crew.close()
         result = _write_up(play, view, started_s + compile_s, compile_s, picture=picture, page=page)
     if merge:
         _merge(out, view)
@@ -185,7 +187,10 @@ def _write_up(
         )
     if play.reel is not None:
         play.reel.write(out)
-    costs = {name: ProcessCost(c.cpu_s, c.peak_memory_bytes) for name, c in play.crew.costs.items()}
+    costs = {
+        name: ProcessCost(c.cpu_s, c.peak_memory_bytes, c.unique_memory_bytes)
+        for name, c in play.crew.costs.items()
+    }
     costs["runner"] = ProcessCost(cpu_s(), peak_bytes())
     host = HostCost(
         wall_s=time.perf_counter() - started_s,
@@ -193,6 +198,7 @@ def _write_up(
         startup_s=play.first_grant_s - started_s,
         grants=play.grants,
         processes=costs,
+        launch_s=play.launch_s,
     )
     write_json(out / "host.json", {**host_facts(host), **play.final_facts_of_clock()})
     if play.reel is not None:

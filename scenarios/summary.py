@@ -8,7 +8,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, cast
 
@@ -238,6 +238,8 @@ class ProcessCost:
 
     cpu_s: float
     peak_memory_bytes: int
+    unique_memory_bytes: int | None = None
+    """What it shared with no other process; None: not known."""
 
 
 @dataclass(frozen=True)
@@ -254,6 +256,8 @@ class HostCost:
     """Windows of virtual time that were granted to robots."""
     processes: dict[str, ProcessCost]
     """By robot, and "runner"."""
+    launch_s: float = 0.0
+    """From the order to start the first robots until all were up."""
 
 
 def host_facts(cost: HostCost) -> dict[str, Any]:
@@ -263,9 +267,10 @@ def host_facts(cost: HostCost) -> dict[str, Any]:
         "wall_s": cost.wall_s,
         "compile_s": cost.compile_s,
         "startup_s": cost.startup_s,
+        "launch_s": cost.launch_s,
         "grants": cost.grants,
         "processes": {
-            name: {"cpu_s": one.cpu_s, "peak_memory_bytes": one.peak_memory_bytes}
+            name: {key: value for key, value in asdict(one).items() if value is not None}
             for name, one in sorted(cost.processes.items())
         },
     }

@@ -9,7 +9,7 @@ from scenarios.hostradio import lookahead_ns
 from scenarios.live import LiveView
 from scenarios.play import Play
 from scenarios.stage import Stage
-from scenarios.wire import Grant, Report
+from scenarios.wire import Grant, Plan, Report
 from sim.conductor import Conductor
 
 
@@ -39,8 +39,11 @@ class VirtualRun(Play):
 
     def play(self) -> None:
         """Run until the mission is over and the maps have settled, or to the limit."""
-        self.bring_up(self.open_agenda())
+        plans = self.plans(names := self.open_agenda())
+        started_s = time.perf_counter()
+        self._start(names, plans)
         self.first_grant_s = time.perf_counter()
+        self.launch_s = self.first_grant_s - started_s
         while not self.ending:
             self.attend()
             if not self.ending:
@@ -49,7 +52,9 @@ class VirtualRun(Play):
 
     def bring_up(self, names: list[str]) -> None:
         """Bring robots to life now, and wait until they are up."""
-        plans = self.plans(names)
+        self._start(names, self.plans(names))
+
+    def _start(self, names: list[str], plans: list[Plan]) -> None:
         for name in names:
             self.conductor.join(name, self.now_ns)
             self.conductor.members[name].running = True

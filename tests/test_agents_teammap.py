@@ -246,6 +246,65 @@ def test_a_former_life_counts_beside_the_present_one() -> None:
     assert not team.published_mask(Origin(0, 1), 0).any()
 
 
+# --- tile by tile ---------------------------------------------------------------------------
+
+
+def laid_whole(team: TeamMap, layers: dict[Origin, OwnLayer], *, blurred: bool) -> Estimate:
+    """Return the team map by slow code: every submap on the whole grid at once."""
+    folds: list[Estimate] = []
+    for origin, own in sorted(layers.items()):
+        fold = blank(FRAME.shape)
+        for index, submap in enumerate(own.submaps):
+            anchor = submap.anchor
+            if origin == team.me:
+                drawing = team.kind.drawn(submap, (slice(None), slice(None)))
+            else:
+                anchor = team.store.anchors.get(AnchorKey(*origin, index))
+                drawing = blank(FRAME.shape)
+                for tile in range(GRID.count):
+                    heard = team.tile_estimate(TileKey(*origin, index, tile))
+                    team.kind.paste(drawing, GRID.window(tile), heard)
+            if anchor is None:
+                continue
+            if anchor.is_moved:
+                drawing = team.kind.moved(drawing, anchor, FRAME)
+            fold = surest(fold, team.kind.blurred(drawing, anchor, FRAME) if blurred else drawing)
+        folds.append(fold)
+    return fuse_origins(folds, FRAME.shape)
+
+
+@given(seeds)
+@quick
+def test_what_is_laid_tile_by_tile_is_what_is_laid_at_once_to_the_last_bit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    layers = {ME: layer(rng, submaps=2), MATE: layer(rng, submaps=2), THIRD: layer(rng)}
+    team = team_map(ME, layers[ME])
+    news = [*chunks_of(layers[MATE], MATE), *chunks_of(layers[THIRD], THIRD)]
+    for chunk in rng.permutation(np.array(news, dtype=object)):
+        hear(team, [chunk])
+        for key in {AnchorKey(*MATE, 0), AnchorKey(*MATE, 1), AnchorKey(*THIRD, 0)}:
+            anchor = layers[Origin(*key[:2])].submaps[key.submap].anchor
+            if rng.random() < 0.2 and team.store.offer_anchor(key, anchor):
+                team.anchor_changed(key)
+        known = team.store.anchors.get(AnchorKey(*MATE, 1))
+        if known is not None and rng.random() < 0.2:
+            there = Pose(known.pose.x_m + 0.3, known.pose.y_m - 0.2, known.pose.z_m, 0.02)
+            team.store.offer_anchor(AnchorKey(*MATE, 1), known.moved_to(there, known.variance))
+            team.anchor_changed(AnchorKey(*MATE, 1))
+        if rng.random() < 0.3:
+            seen = look(rng)
+            layers[ME].submaps[-1].observe(seen)
+            mask = np.zeros(FRAME.shape, dtype=bool)
+            mask[seen.rows, seen.cols] = True
+            team.own_tiles_changed(1, GRID.touched(mask))
+        assert same(team.fused(), laid_whole(team, layers, blurred=True))
+        assert same(team.relative(), laid_whole(team, layers, blurred=False))
+    bits = team.layer_bits()
+    team.own_changed()
+    team.as_heard()
+    assert team.layer_bits() == bits
+
+
 # --- anchors --------------------------------------------------------------------------------
 
 

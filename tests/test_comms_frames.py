@@ -11,6 +11,7 @@ from comms.frames import (
     MAC_BYTES,
     MAX_FRAME_BYTES,
     MAX_SEQ,
+    WIDEST_ENVELOPE_BYTES,
     WINDOW,
     BadVersionError,
     DamagedError,
@@ -59,7 +60,16 @@ def test_what_is_sealed_opens_the_same(kind, payload, sender, incarnation, seq):
 
 def test_layout_is_the_documented_one():
     data = sealed_at(300, sender=2, incarnation=7, payload=b"xyz")
-    assert data == sealed_by_hand(bytes((0xA1, 2, 7, 0x80 | 300 & 0x7F, 300 >> 7)) + b"xyz")
+    assert data == sealed_by_hand(bytes((0xB1, 2, 7, 0x80 | 300 & 0x7F, 300 >> 7)) + b"xyz")
+
+
+@pytest.mark.parametrize("sender", [127, 128, 999, (1 << 14) - 1])
+def test_a_robot_beyond_the_first_128_costs_one_byte_more(sender):
+    sealer = Sealer(KEY, sender, 3)
+    data = sealer.seal(Kind.MAP, b"xyz")
+    assert len(data) == 3 + 10 + (sender > 127)
+    assert sealer.envelope_bytes == ENVELOPE_BYTES + (sender > 127) <= WIDEST_ENVELOPE_BYTES
+    assert Opener(KEY, 1 << 14).open(data) == Frame(sender, 3, 0, Kind.MAP, b"xyz")
 
 
 @pytest.mark.parametrize(
@@ -155,10 +165,10 @@ def test_strangers_own_frames_versions_kinds_and_giants_are_refused():
         opener.open(sealed_at(0, sender=TEAM))
     with pytest.raises(ReplayedError):
         opener.open(sealed_at(0, sender=0))
-    with pytest.raises(BadVersionError, match="version is 11"):
-        opener.open(sealed_by_hand(b"\xb1\x01\x00\x00"))
+    with pytest.raises(BadVersionError, match="version is 12"):
+        opener.open(sealed_by_hand(b"\xc1\x01\x00\x00"))
     with pytest.raises(BadVersionError, match="kind is 15"):
-        opener.open(sealed_by_hand(b"\xaf\x01\x00\x00"))
+        opener.open(sealed_by_hand(b"\xbf\x01\x00\x00"))
     with pytest.raises(OversizedError):
         opener.open(sealed_by_hand(b"\xa1\x01\x00\x00" + bytes(MAX_FRAME_BYTES)))
     with pytest.raises(DamagedError, match="sequence"):
@@ -195,9 +205,9 @@ def test_sealer_numbers_frames_and_refuses_what_cannot_be_sent():
     ("make", "words"),
     [
         (lambda: Sealer(b"short", 0, 0), "key has 5 bytes; 16 to 32"),
-        (lambda: Sealer(KEY, 255, 0), "sender index is 255; 0 to 254"),
+        (lambda: Sealer(KEY, 1 << 14, 0), "sender index is 16384; 0 to 16383"),
         (lambda: Sealer(KEY, 0, 256), "incarnation is 256; 0 to 255"),
-        (lambda: Opener(KEY, 0), "team size is 0; 1 to 255"),
+        (lambda: Opener(KEY, 0), "team size is 0; 1 to 16384"),
         (lambda: Opener(bytes(33), 2), "key has 33 bytes; 16 to 32"),
     ],
 )

@@ -573,7 +573,7 @@ def test_urgent_queue_is_bounded_and_refuses_what_is_not_urgent():
     ]
     with pytest.raises(UrgentError, match="MAP is not urgent; TETHER, STOP are"):
         queue.put(Kind.MAP, b"", "")
-    with pytest.raises(UrgentError, match="53 bytes; 52 fit every link"):
+    with pytest.raises(UrgentError, match="52 bytes; 51 fit every link"):
         queue.put(Kind.STOP, bytes(URGENT_BYTES + 1), "all")
 
 

@@ -133,12 +133,16 @@ def slope_of(elevation_m: Floats, cell_m: float) -> Floats:
     return np.minimum(np.nan_to_num(np.hypot(dx, dy)), 3.0)
 
 
-def cell_variance(anchor: Anchor, frame: GridFrame, slope: Floats) -> Floats:
+def cell_variance(
+    anchor: Anchor, frame: GridFrame, slope: Floats, window: Window = EVERYWHERE
+) -> Floats:
     """Return what an anchor's covariance adds to each cell's elevation variance, m^2.
+
+    `slope` is that of a window of the frame's cells.
 
     A shift of the map moves the elevation of a cell by the slope times the shift.
     """
-    return anchor.variance[2] + slope * slope * anchor.shift_variance(frame)
+    return anchor.variance[2] + slope * slope * anchor.shift_variance(frame, window)
 
 
 class ElevationKind:
@@ -172,13 +176,13 @@ class ElevationKind:
         """Return what the robot measured itself."""
         return Estimate(*submap.estimate(window), submap.looks[window])
 
-    def as_sent(self, submap: Submap) -> Estimate:
-        """Return a submap as the codec at its finest level would give it to a listener."""
-        elevation, variance = submap.estimate(EVERYWHERE)
+    def as_sent(self, submap: Submap, window: Window) -> Estimate:
+        """Return a tile as the codec at its finest level would give it to a listener."""
+        elevation, variance = submap.estimate(window)
         known = np.isfinite(variance)
         sigma = sigma_as_sent(np.sqrt(np.where(known, variance, 0.0)), known)
         sent = np.where(known, sigma**2 + self.max_error_m**2 * UNIFORM, np.inf)
-        return Estimate(elevation, sent, submap.looks)
+        return Estimate(elevation, sent, submap.looks[window])
 
     def offer(self, submap: Submap, window: Window) -> tuple[float, int]:
         """Return the information of a window with the codec's bound, and about its bytes."""
@@ -210,6 +214,12 @@ class ElevationKind:
         drawing.variance_m2[window] = tile.variance_m2
         drawing.looks[window] = tile.looks
 
+    def cut(self, estimate: Estimate, window: Window) -> Estimate:
+        """Return a window of an estimate."""
+        return Estimate(
+            estimate.elevation_m[window], estimate.variance_m2[window], estimate.looks[window]
+        )
+
     def surest(self, first: Estimate, second: Estimate) -> Estimate:
         """See `surest`."""
         return surest(first, second)
@@ -228,9 +238,12 @@ class ElevationKind:
             np.where(inside, drawing.looks[row, col], 0).astype(np.uint16),
         )
 
-    def blurred(self, drawing: Estimate, anchor: Anchor, frame: GridFrame) -> Estimate:
+    def blurred(
+        self, drawing: Estimate, anchor: Anchor, frame: GridFrame, window: Window = EVERYWHERE
+    ) -> Estimate:
         """Add the anchor's covariance to each cell's."""
-        added = cell_variance(anchor, frame, slope_of(drawing.elevation_m, frame.cell_m))
+        slope = slope_of(drawing.elevation_m, frame.cell_m)
+        added = cell_variance(anchor, frame, slope, window)
         return Estimate(drawing.elevation_m, drawing.variance_m2 + added, drawing.looks)
 
     def bits(self, estimate: Estimate) -> float:

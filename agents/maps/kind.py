@@ -47,8 +47,8 @@ class MapKind(Protocol[S, E]):
         """Return what a robot measured itself, in a window of its own submap."""
         ...
 
-    def as_sent(self, submap: S) -> E:
-        """Return a submap as its payloads' finest level would give it to a listener."""
+    def as_sent(self, submap: S, window: Window) -> E:
+        """Return a tile of a submap as its payload's finest level would give it to a listener."""
         ...
 
     def offer(self, submap: S, window: Window) -> tuple[float, int]:
@@ -71,6 +71,10 @@ class MapKind(Protocol[S, E]):
         """Replace a window of a drawing by a tile."""
         ...
 
+    def cut(self, estimate: E, window: Window) -> E:
+        """Return a window of an estimate."""
+        ...
+
     def surest(self, first: E, second: E) -> E:
         """Take each cell from the surer of two estimates of one origin, whose errors are shared."""
         ...
@@ -83,8 +87,10 @@ class MapKind(Protocol[S, E]):
         """Return a drawing where its anchor's correction puts it."""
         ...
 
-    def blurred(self, drawing: E, anchor: Anchor, frame: GridFrame) -> E:
-        """Return a drawing no surer than its anchor's covariance lets it be."""
+    def blurred(
+        self, drawing: E, anchor: Anchor, frame: GridFrame, window: Window = EVERYWHERE
+    ) -> E:
+        """Return a window of a drawing no surer than its anchor's covariance lets it be."""
         ...
 
     def bits(self, estimate: E) -> float:

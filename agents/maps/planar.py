@@ -146,17 +146,14 @@ class PlanarKind:
         """Return what the robot measured itself."""
         return Occupancy(submap.log_odds[window], submap.looks[window])
 
-    def as_sent(self, submap: PlanarSubmap) -> Occupancy:
-        """Return a submap as the codec at its finest level would give it to a listener."""
-        return self._sent(submap, EVERYWHERE)
-
-    def _sent(self, submap: PlanarSubmap, window: Window) -> Occupancy:
+    def as_sent(self, submap: PlanarSubmap, window: Window) -> Occupancy:
+        """Return a tile as the codec at its finest level would give it to a listener."""
         drawn = self.drawn(submap, window)
         return Occupancy(self.payloads.as_sent(drawn.log_odds, drawn.known), drawn.looks)
 
     def offer(self, submap: PlanarSubmap, window: Window) -> tuple[float, int]:
         """Return the information of a window as sent, and about its bytes."""
-        sent = self._sent(submap, window)
+        sent = self.as_sent(submap, window)
         return sent.information_bits, 16 + int(np.count_nonzero(sent.known)) // 16
 
     def encode(self, submap: PlanarSubmap, window: Window) -> EncodedTile:
@@ -179,6 +176,10 @@ class PlanarKind:
         drawing.log_odds[window] = tile.log_odds
         drawing.looks[window] = tile.looks
 
+    def cut(self, estimate: Occupancy, window: Window) -> Occupancy:
+        """Return a window of an estimate."""
+        return Occupancy(estimate.log_odds[window], estimate.looks[window])
+
     def surest(self, first: Occupancy, second: Occupancy) -> Occupancy:
         """See `surest`."""
         return surest(first, second)
@@ -195,14 +196,16 @@ class PlanarKind:
             np.where(inside, drawing.looks[row, col], 0).astype(np.uint16),
         )
 
-    def blurred(self, drawing: Occupancy, anchor: Anchor, frame: GridFrame) -> Occupancy:
+    def blurred(
+        self, drawing: Occupancy, anchor: Anchor, frame: GridFrame, window: Window = EVERYWHERE
+    ) -> Occupancy:
         """Divide log-odds by 1 + (variance of the cell's place) / cell^2.
 
         Whoever does not know to a cell where a map lies knows of no cell for certain: at one cell's
         standard deviation half of the log-odds is left, at three a tenth. (Our law; a blur by the
         place's distribution would rub out walls of one cell's width.)
         """
-        unsure = 1.0 + anchor.shift_variance(frame) / frame.cell_m**2
+        unsure = 1.0 + anchor.shift_variance(frame, window) / frame.cell_m**2
         return Occupancy(drawing.log_odds / unsure, drawing.looks)
 
     def bits(self, estimate: Occupancy) -> float:

@@ -66,6 +66,10 @@ class Ears:
         if sender in self._ears:
             self._ears[sender].gaps.clear()
 
+    def forget(self, sender: int) -> None:
+        """Forget a sender altogether."""
+        self._ears.pop(sender, None)
+
     def lost_since_s(self) -> float | None:
         """Return when the first loss was noticed that is still to be told, if any."""
         times = [g.noticed_s for e in self._ears.values() for g in e.gaps if g.tellings == 0]
@@ -129,6 +133,10 @@ class FrameLog:
         """Remember what a frame carried."""
         life = self._lives.setdefault((robot, incarnation), deque(maxlen=LOGGED_FRAMES))
         life.append(logged)
+
+    def forget(self, robot: int) -> None:
+        """Forget the frames of a robot, in all its lives."""
+        self._lives = {life: log for life, log in self._lives.items() if life[0] != robot}
 
     def missed(self, acks: Acks, now_s: float) -> list[Logged]:
         """Return the frames that, by its own word, a team-mate did not hear."""

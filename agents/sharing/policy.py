@@ -103,6 +103,10 @@ class Policy(ABC):
         """Note that a team-mate has come, or has come back as another life."""
         del robot
 
+    def look_again(self) -> None:
+        """Note that the robot has moved so far that other tiles may be worth passing on."""
+        return
+
     def publish(self, key: TileKey) -> tuple[Chunk, EncodedTile]:
         """Freeze the next version of an own tile: encode it, make it durable, put it in store."""
         submap = self.desk.team.own.submaps[key.submap]

@@ -25,6 +25,8 @@ LONGEST_WAIT_S = 480.0
 """How long a robot waits before it says again what it has, where that did not help."""
 NEWS_S = 10.0
 """A lost frame may wait so long to be named, for others to be named with it."""
+NEAR_S = 600.0
+"""Where only those near by count: who was not heard for so long is near no more."""
 DEAF_FRAMES = 3
 """Who has heard none of so many frames of a sender does not hear it."""
 
@@ -44,9 +46,14 @@ class ReportClock:
 
     def __init__(self, settings: SharingSettings, team_size: int) -> None:
         """Start with a report at once: a newcomer says what it has."""
-        self._share = max(settings.digest_share, 1e-6) / team_size
+        self._settings = settings
+        self.share_among(team_size)
         self._due_s: float | None = -1.0
         self._free_s = -1.0
+
+    def share_among(self, robots: int) -> None:
+        """Take one robot's part of what the reports of so many may take together."""
+        self._share = max(self._settings.digest_share, 1e-6) / robots
 
     def want(self, at_s: float) -> None:
         """Have a report sent at a time, or as soon after it as the link's share allows."""
@@ -74,9 +81,12 @@ class Repair:
     ) -> None:
         """Begin with team-mates that have nothing; `store` is the robot's own."""
         self.me = me
-        self.peers = [robot for robot in range(team_size) if robot != me.robot]
-        self.believed = {robot: Believed() for robot in self.peers}
-        self.clock = ReportClock(settings, team_size)
+        self._near_only = settings.horizon_m is not None
+        """Whether only team-mates count that were heard lately."""
+        everybody = () if self._near_only else range(team_size)
+        self.believed = {robot: Believed() for robot in everybody if robot != me.robot}
+        self.clock = ReportClock(settings, 2 if self._near_only else team_size)
+        self._heard_s: dict[int, float] = {}
         self.deaf: set[tuple[int, int]] = set()
         """(listener, sender): who said that it hears nothing of whom."""
         self._store = store
@@ -93,7 +103,26 @@ class Repair:
         self._acked: dict[int, tuple[int, float]] = {}
         """(upto, when) of what each team-mate last said of this robot's own frames."""
 
+    @property
+    def peers(self) -> list[int]:
+        """The team-mates that count."""
+        return list(self.believed)
+
     # --- what happens -----------------------------------------------------------------------
+
+    def _is_near(self, robot: int, now_s: float) -> None:
+        """Note that a team-mate can be heard, and forget those that could not for long."""
+        self._heard_s[robot] = now_s
+        if robot in self.believed:
+            return
+        gone = [mate for mate, t_s in self._heard_s.items() if now_s - t_s > NEAR_S]
+        for mate in gone:
+            del self._heard_s[mate]
+            del self.believed[mate]
+            self._ears.forget(mate)
+            self._log.forget(mate)
+        self.believed = dict(sorted({**self.believed, robot: Believed()}.items()))
+        self.clock.share_among(len(self.believed) + 1)
 
     def changed(self, key: TileKey, now_s: float) -> None:
         """Note that more of a tile is here."""
@@ -117,6 +146,8 @@ class Repair:
 
     def heard(self, sender: Origin, seq: int, now_s: float) -> bool:
         """Note that a frame was heard, whatever was in it; return whether its sender is new."""
+        if self._near_only:
+            self._is_near(sender.robot, now_s)
         is_new = self._ears.hear(*sender, seq, now_s)
         if is_new:
             # A life of which nothing was heard before: it may have heard nothing either.

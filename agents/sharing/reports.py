@@ -104,7 +104,7 @@ def unpack_report(data: bytes) -> Report:
 
 
 def _write_acks(out: Writer, acks: Acks) -> None:
-    out.byte(acks.robot)
+    out.uint(acks.robot)
     out.byte(acks.incarnation)
     out.uint(acks.upto)
     out.uint(len(acks.missed))
@@ -116,7 +116,7 @@ def _write_acks(out: Writer, acks: Acks) -> None:
 
 
 def _read_acks(reader: Reader) -> Acks:
-    robot, incarnation, upto = reader.byte(), reader.byte(), reader.uint()
+    robot, incarnation, upto = reader.uint(), reader.byte(), reader.uint()
     count = reader.uint()
     if count > MAX_MISSED_RANGES:
         raise MessageError(f"{count} ranges of lost frames; {MAX_MISSED_RANGES} are allowed")
@@ -135,7 +135,7 @@ def _read_acks(reader: Reader) -> Acks:
 def _write_holdings(out: Writer, holdings: Holdings) -> None:
     out.uint(len(holdings.anchors) * 4 + holdings.opens * 2 + holdings.closes)
     for key, version in holdings.anchors:
-        out.byte(key.robot)
+        out.uint(key.robot)
         out.byte(key.incarnation)
         out.uint(key.submap)
         out.uint(version)
@@ -156,7 +156,7 @@ def _write_holdings(out: Writer, holdings: Holdings) -> None:
 def _read_holdings(reader: Reader) -> Holdings:
     count, flags = divmod(reader.uint(), 4)
     anchors = tuple(
-        (AnchorKey(reader.byte(), reader.byte(), reader.uint()), reader.uint())
+        (AnchorKey(reader.uint(), reader.byte(), reader.uint()), reader.uint())
         for _ in range(count)
     )
     if any(a[0] >= b[0] for a, b in pairwise(anchors)):

@@ -75,6 +75,7 @@ class Value(Policy):
         self._steps: dict[tuple[TileKey, int], Steps] = {}
         self._offers: dict[TileKey, Offer] = {}
         self._stale: set[TileKey] = set()
+        self._has_horizon = desk.settings.horizon_m is not None
 
     # --- what changed ---------------------------------------------------------------------
 
@@ -145,11 +146,18 @@ class Value(Policy):
     def _missing_anchor(self) -> AnchorKey | None:
         """Return a submap whose anchor some peer lacks, once any of its tiles is published."""
         listeners = self.repair.listeners
-        for key in sorted(self.store.anchors):
+        for key in self._anchors_to_tell():
             version = self.store.anchors[key].version
             if any(b.lacks_anchor(key, version) for b in listeners):
                 return key
         return None
+
+    def _anchors_to_tell(self) -> list[AnchorKey]:
+        """Return all anchors, or those of which this robot passes on tiles, and its own."""
+        if not self._has_horizon:
+            return sorted(self.store.anchors)
+        passed_on = {AnchorKey(*key[:3]) for key in self.store if not self._is_beyond(key)}
+        return [k for k in sorted(self.store.anchors) if k in passed_on or k[:2] == self.me]
 
     def _choose_chunks(self, free: Free) -> list[Chunk]:
         """Fill one frame with the chunks of most worth per byte.
@@ -211,7 +219,17 @@ class Value(Policy):
                 self._offers[key] = offer
         self._stale.clear()
 
+    def look_again(self) -> None:
+        """Weigh all tiles anew: the robot has moved, and others lie within its horizon."""
+        self._stale.update(self.store.keys())
+
+    def _is_beyond(self, key: TileKey) -> bool:
+        """Say whether a tile is another's and too far off to be passed on."""
+        return self._has_horizon and key.origin != self.me and self.weight(key) <= 0.0
+
     def _offer(self, key: TileKey) -> Offer | None:
+        if self._is_beyond(key):
+            return None
         known = self._offer_of_published(key)
         fresh = self._offer_to_publish(key) if key.origin == self.me else None
         if fresh is not None and (known is None or fresh.density > known.density):

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.commands.parsing import OK, Commands, number, whole
+from scenarios.commands.places import add_places, crew_on_hosts
 from scenarios.errors import ScenarioError, UsageError
 
 if TYPE_CHECKING:
@@ -70,6 +71,7 @@ def add(commands: Commands) -> None:
     run.add_argument(
         "--ros2", action="store_true", help="publish its maps live into ROS 2 (see ropeteam ros2)"
     )
+    add_places(run)
     run.add_argument("--quiet", action="store_true", help="say nothing but errors")
     view = run.add_argument_group("live view")
     view.add_argument("--view", action="store_true", help="show the run in the browser")
@@ -81,6 +83,7 @@ def add(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     scenario = _load(args)
+    crew_of = crew_on_hosts(args, scenario)
     out = _folder(args, scenario)
     from scenarios.runner import run
     from sim.errors import WorldError
@@ -89,7 +92,7 @@ def _run(args: argparse.Namespace) -> int:
     beside = _in_ros2() if args.ros2 else None
     how = {"quiet": args.quiet, "overwrite": args.overwrite, "merge": not args.no_merge}
     try:
-        run(scenario, out, **how, page=page, beside=beside)
+        run(scenario, out, **how, page=page, beside=beside, crew_of=crew_of)
     except WorldError as error:
         raise ScenarioError([f"{args.scenario}: {error}"]) from error
     return OK
