@@ -125,7 +125,7 @@ def explore(terrain: Terrain, start: Pose, count: int, rng: np.random.Generator)
         known.append(~np.isnan(elevation[seen]))
         interest.update(looks.expected_visibility(view, pose, heading, tilt), got)
         submap.observe(cells)
-    chance = {law: np.concatenate(predicted[law]) for law in LAWS}
+    chance: dict[visibility.Law, Floats] = {law: np.concatenate(predicted[law]) for law in LAWS}
     return Sample(chance, np.concatenate(measured), np.concatenate(known))
 
 
