@@ -11,7 +11,7 @@ from sim.errors import WorldError
 from sim.ground import Footing, Terrain, hazard_mask
 from sim.placing import descent_goal, place_team, wants_drop
 from sim.relief import make_relief, texture
-from sim.settings import TerrainSettings, WorldSettings
+from sim.settings import KINDS, TerrainSettings, WorldSettings
 from sim.terrain_files import choose_window, read_elevation, window_of
 
 __all__ = [
@@ -29,7 +29,7 @@ __all__ = [
 Maker = Callable[[TerrainSettings, GridFrame, np.random.Generator], Terrain]
 
 TERRAINS: Plugins[Maker] = Plugins(
-    "ropeteam.terrains", {"cliff": make_relief, "plain": make_relief}
+    "ropeteam.terrains", dict.fromkeys(("cliff", "plain", *KINDS), make_relief)
 )
 """Made-up ground by `world.terrain.kind`: from its settings, the cells to fill, and dice."""
 

@@ -65,6 +65,7 @@ def test_a_run_gets_what_was_asked_for(runs: Runs) -> None:
         "quiet": True,
         "overwrite": False,
         "merge": True,
+        "crew_of": None,
         "page": None,
         "beside": None,
     }
