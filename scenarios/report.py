@@ -30,7 +30,7 @@ def report(summary: Mapping[str, Any], records: Records, out: Path) -> str:
         "",
         *_bytes(records),
         "",
-        f"Files: {out} (overview.png, summary.json, scenario.toml ...)",
+        f"Files: {out} (report.html, overview.png, summary.json ...)",
     ]
     return "\n".join(parts)
 

@@ -2,6 +2,7 @@
 And whoever only watches changes nothing.
 """
 
+import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -106,6 +107,37 @@ def test_a_run_that_was_meddled_with_can_be_run_again(tmp_path: Path) -> None:
         assert replay(tmp_path / "meddled", robot, tmp_path / f"alone-{robot}").same
     alone = run_with(scenario, tmp_path / "alone")
     assert alone["events.csv"] != meddled["events.csv"]
+
+
+def test_on_the_wall_clock_nobody_holds_time_but_robots_can_be_killed(tmp_path: Path) -> None:
+    scenario = small("pair", *QUICK, "limit_s=120", "clock.mode=real", "clock.speed=60.0")
+    watcher = Watcher((20.0, {"do": "pause"}), (30.0, {"do": "kill", "robot": "explorer-2"}))
+    run_with(scenario, tmp_path / "real", watcher)
+    assert watcher.of("state")[-1]["has_pace"] is False
+    assert [told["robot"] for told in watcher.of("done")] == ["explorer-2"]
+    planned = load(str(tmp_path / "real" / "scenario.toml")).timeline()
+    assert [(event.kind, event.at_s) for event in planned] == [
+        ("kill", watcher.of("done")[0]["at_s"])
+    ]
+    assert b"explorer-2,kill" in (tmp_path / "real" / "events.csv").read_bytes()
+
+
+def test_a_paused_run_goes_on_step_by_step(tmp_path: Path) -> None:
+    ends: list[float] = []
+
+    class Stepper(Watcher):
+        def _hear(self, told: dict[str, Any]) -> None:
+            super()._hear(told)
+            assert self.desk is not None
+            if told["type"] == "state" and told["paused"] and not told["steps"]:
+                ends.append(self.of("rows")[-1]["now_s"])
+                self.desk.ask({"do": "step" if len(ends) < 5 else "go"})
+
+    run_with(
+        small("pair", *QUICK, "limit_s=100"), tmp_path / "run", Stepper((0.0, {"do": "pause"}))
+    )
+    assert len(ends) == 5
+    assert all(0 < after - before <= desks.STEP_S for before, after in itertools.pairwise(ends))
 
 
 def test_what_was_planned_and_has_become_impossible_is_left_out() -> None:

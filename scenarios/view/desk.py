@@ -41,6 +41,7 @@ class Desk:
         self._woken = threading.Event()
         self._marks: dict[str, int] = {}
         self._told_s = 0.0
+        self._told_ns = -1
         self._paused = paused
         self._until_ns: int | None = None
         """Where a step ends."""
@@ -85,7 +86,8 @@ class Desk:
             return
         self._told_s = wall_s
         rows = play.reel.since(self._marks)
-        if rows or not self._paused:
+        if rows or play.now_ns != self._told_ns:
+            self._told_ns = play.now_ns
             self._tell({"type": "rows", "now_s": to_s(play.now_ns), "rows": rows})
 
     def state(self) -> dict[str, Any]:
@@ -93,6 +95,7 @@ class Desk:
         return {
             "type": "state",
             "paused": self._paused,
+            "steps": self._until_ns is not None,
             "speed": self._speed,
             "speeds": list(SPEEDS),
             "has_pace": self._has_pace,
@@ -105,7 +108,9 @@ class Desk:
         if self._paused:
             if self._until_ns is not None and due_ns < self._until_ns:
                 return 0.0
-            self._until_ns = None
+            if self._until_ns is not None:
+                self._until_ns = None
+                self._tell(self.state())
             return DOZE_S
         if self._speed == 0.0:
             return 0.0

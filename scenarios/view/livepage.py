@@ -1,5 +1,7 @@
 """The page of a run that goes on: opens it, feeds it, and lets it have the last word."""
 
+import os
+import sys
 import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -42,10 +44,10 @@ class LivePage:
         self.say(f"Live view: {self.server.address}")
         if not self.opens:
             return
-        if webbrowser.open(self.server.address):
+        if _has_screen() and webbrowser.open(self.server.address):
             self.server.watched.wait(OPEN_S)
         else:
-            self.say("No browser was found here; open the address yourself.")
+            self.say("No browser can be opened here: open the address yourself.")
 
     def end(self, play: Play, told: dict[str, Any]) -> None:
         """Show how the run has ended; the page keeps all that it was shown."""
@@ -62,3 +64,9 @@ class LivePage:
     def _ask(self, wish: dict[str, Any]) -> None:
         if self.desk is not None:
             self.desk.ask(wish)
+
+
+def _has_screen() -> bool:
+    """Say whether a browser would have a window: one in the terminal would take it from the run."""
+    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
+    return named or not sys.platform.startswith("linux")

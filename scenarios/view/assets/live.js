@@ -83,7 +83,7 @@ class Live {
     this.ask({ do: this.paused ? "go" : "pause" });
   }
 
-  state({ paused, speed, speeds, has_pace }) {
+  state({ paused, steps, speed, speeds, has_pace }) {
     this.paused = paused;
     this.hasPace = has_pace;
     if (this.speeds.childElementCount === 0) {
@@ -94,7 +94,7 @@ class Live {
     this.goButton.textContent = paused ? "Let it run" : "Pause the run";
     this.goButton.setAttribute("aria-keyshortcuts", "Space");
     for (const part of [this.goButton, this.stepButton, this.speeds]) part.disabled = !has_pace || this.over;
-    if (!this.over) this.page.status.textContent = paused ? "Paused" : "Running";
+    if (!this.over) this.page.status.textContent = paused && !steps ? "Paused" : "Running";
   }
 
   // What can be done to a robot, by what state it is in.

@@ -326,12 +326,14 @@ export class World extends Panel {
     const steps = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
     const length = steps.findLast((step) => step <= wide / 5) ?? steps[0];
     const [x, y] = [this.left + 12, this.bottom - 14];
-    this.ink.strokeStyle = theme.ink;
-    this.ink.lineWidth = 2;
-    this.ink.beginPath();
-    this.ink.moveTo(x, y);
-    this.ink.lineTo(x + length * this.scale, y);
-    this.ink.stroke();
+    for (const [colour, width] of [[theme.panel, 5], [theme.ink, 2]]) {
+      this.ink.strokeStyle = colour;
+      this.ink.lineWidth = width;
+      this.ink.beginPath();
+      this.ink.moveTo(x, y);
+      this.ink.lineTo(x + length * this.scale, y);
+      this.ink.stroke();
+    }
     this.text(`${length} m`, x + length * this.scale + 7, y, theme.ink, theme);
   }
 }
