@@ -17,6 +17,7 @@ from comms.timebase import to_s
 from scenarios import folder
 from scenarios.crew import Crew, MemoryCrew, cpu_s
 from scenarios.ending import conclude
+from scenarios.errors import StudyError
 from scenarios.live import LiveView
 from scenarios.overview import Overview, draw
 from scenarios.play import Play
@@ -24,7 +25,7 @@ from scenarios.processes import ZenohCrew, peak_bytes, start_fork_server
 from scenarios.realtime import RealMemoryCrew, RealRun
 from scenarios.record import write_atomic
 from scenarios.report import report
-from scenarios.ros2.bag import BagError, write_bag
+from scenarios.ros2.bag import write_bag
 from scenarios.schema import Scenario, dump
 from scenarios.stage import set_stage
 from scenarios.summary import HostCost, ProcessCost, host_facts, summarise, write_json
@@ -100,7 +101,7 @@ def _merge(out: Path, view: LiveView) -> None:
     """Write `run.mcap`; a run is no worse for not having one."""
     try:
         write_bag(out)
-    except BagError as error:
+    except StudyError as error:
         view.say(f"no run.mcap: {error}")
 
 

@@ -180,8 +180,9 @@ def write_bag(run: Path, out: Path | None = None) -> Path:
             _write(stream, run, notes)
         os.replace(part, out)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise BagError(f"{out}: can't be written: {error.strerror}") from error
+    finally:
+        part.unlink(missing_ok=True)
     return out
 
 
