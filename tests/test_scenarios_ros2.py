@@ -235,6 +235,7 @@ def test_the_last_map_of_a_merged_run_is_the_robots(merged: Any) -> None:
     assert frames["true"].rotation.w == pytest.approx(math.cos(3.0))
 
 
+@pytest.mark.slow
 def test_rerun_draws_a_merged_run(merged: Any) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is an extra (pip install ropeteam[view])")
     kind, path, _ = merged

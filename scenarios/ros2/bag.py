@@ -25,7 +25,7 @@ from scenarios.schema import load
 
 NAME = "run.mcap"
 GRIDS, CLOUDS = 40, 8
-PATH_POSES = 1000
+PATH_POSES = 300
 
 
 class BagError(StudyError):
