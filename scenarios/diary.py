@@ -6,8 +6,10 @@ A map's first note holds all known cells, each later one those that changed by m
 the last one of a robot that lived to the end is whole and unrounded again.
 """
 
+import contextlib
 import struct
 import zlib
+from collections.abc import Generator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, cast
@@ -19,6 +21,7 @@ from numpy.typing import NDArray
 
 from agents.geometry import Floats, GridFrame, Pose, Singles
 from agents.ports import Exposure
+from scenarios.errors import StudyError
 from scenarios.notebook import LogFile
 
 POSE, SEEN, TEAM_MAP, IMAGE = "pose", "seen", "team_map", "image"
@@ -85,13 +88,13 @@ class Diary:
             wire = (_plain(note.true), _plain(note.believed), covariance, note.still)
             self._log.keep(POSE, _packed(wire), t_ns)
 
-    def seen(self, t_ns: int, exposure: Exposure, points_m: Floats) -> None:
-        """Note what a look gave, by its points (N, 3) in the levelled robot's frame, placed."""
+    def seen(self, t_ns: int, exposure: Exposure, points_m: Floats, believed: Pose) -> None:
+        """Note what a look gave: its points (N, 3) in the levelled frame of a robot that stood."""
         if self._log is not None and len(points_m):
             stride = -(-len(points_m) // SEEN_POINTS)
-            data = points_m[::stride].astype("<f4").tobytes()
-            wire = (exposure.pan_rad, exposure.tilt_rad, zlib.compress(data, 1))
-            self._log.keep(SEEN, _packed(wire), t_ns)
+            placed = believed.team_from_robot(points_m[::stride])
+            data = zlib.compress(placed.astype("<f4").tobytes(), 1)
+            self._log.keep(SEEN, _packed((exposure.pan_rad, exposure.tilt_rad, data)), t_ns)
 
     def image(self, t_ns: int, grey: NDArray[np.uint8]) -> None:
         """Note the left image (H, W) of a pair, as JPEG."""
@@ -126,35 +129,51 @@ class Diary:
         self._log.keep(TEAM_MAP, _packed(wire), t_ns)
 
 
+class NoteError(StudyError):
+    """A note that can't be read: the log is damaged."""
+
+
+@contextlib.contextmanager
+def _reading(topic: str) -> Generator[None]:
+    bad = (ValueError, TypeError, IndexError, zlib.error, msgpack.UnpackException)
+    try:
+        yield
+    except bad as error:
+        raise NoteError(f"a robot's log is damaged: {topic} can't be read ({error})") from error
+
+
 def read_pose(data: bytes) -> PoseNote:
-    """Return the note in a message of topic `pose`."""
-    true, believed, covariance, still = msgpack.unpackb(data)
-    return PoseNote(Pose(*true), Pose(*believed), np.array(covariance).reshape(4, 4), still)
+    """Return the note in a message of topic `pose`; raises NoteError if there is none."""
+    with _reading(POSE):
+        true, believed, covariance, still = msgpack.unpackb(data)
+        return PoseNote(Pose(*true), Pose(*believed), np.array(covariance).reshape(4, 4), still)
 
 
 def read_seen(data: bytes) -> SeenNote:
-    """Return the note in a message of topic `seen`."""
-    pan_rad, tilt_rad, points = msgpack.unpackb(data)
-    points_m = np.frombuffer(zlib.decompress(points), "<f4").reshape(-1, 3)
-    return SeenNote(points_m, pan_rad, tilt_rad)
+    """Return the note in a message of topic `seen`; raises NoteError if there is none."""
+    with _reading(SEEN):
+        pan_rad, tilt_rad, points = msgpack.unpackb(data)
+        points_m = np.frombuffer(zlib.decompress(points), "<f4").reshape(-1, 3)
+        return SeenNote(points_m, pan_rad, tilt_rad)
 
 
 def draw(chart: Chart | None, data: bytes) -> Chart:
     """Return a chart with a message of topic `team_map` drawn into it; None: the first one.
 
-    The chart that was given is not changed.
+    The chart that was given is not changed. Raises NoteError if there is no map in the message.
     """
-    place, whole, told_cells, told = msgpack.unpackb(data)
-    frame = GridFrame(*place)
-    steps = _bytes_together(zlib.decompress(told_cells), "<i4")
-    cells = np.cumsum(steps, dtype=np.int64)
-    layers: dict[str, Singles] = {}
-    for name, values in told.items():
-        kept = None if chart is None or whole else chart.layers.get(name)
-        grid = np.full(frame.shape, np.nan, np.float32) if kept is None else kept.copy()
-        grid.ravel()[cells] = _bytes_together(zlib.decompress(values), "<f4")
-        layers[name] = grid
-    return Chart(frame, layers)
+    with _reading(TEAM_MAP):
+        place, whole, told_cells, told = msgpack.unpackb(data)
+        frame = GridFrame(*place)
+        steps = _bytes_together(zlib.decompress(told_cells), "<i4")
+        cells = np.cumsum(steps, dtype=np.int64)
+        layers: dict[str, Singles] = {}
+        for name, values in told.items():
+            kept = None if chart is None or whole else chart.layers.get(name)
+            grid = np.full(frame.shape, np.nan, np.float32) if kept is None else kept.copy()
+            grid.ravel()[cells] = _bytes_together(zlib.decompress(values), "<f4")
+            layers[name] = grid
+        return Chart(frame, layers)
 
 
 def _plain(pose: Pose) -> tuple[float, ...]:

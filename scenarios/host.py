@@ -197,7 +197,7 @@ class Host:
             self._coverage(),
         )  # fmt: skip
         self.notebook.add(row, t_ns)
-        self.diary.seen(t_ns, exposure, self.robot.pose.team_from_robot(self._points_m(exposure)))
+        self.diary.seen(t_ns, exposure, self._points_m(exposure), self.robot.pose)
         self._note_pose(t_ns)
 
     def _points_m(self, exposure: Exposure) -> Floats:

@@ -6,10 +6,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from comms.timebase import from_s
+from scenarios.errors import StudyError
 from scenarios.record import DELIVERED
 
 WINDOW_S = 10.0
 """Length of a window, in simulated seconds; of a long run a 500th, if that is more."""
+
+
+class FramesError(StudyError):
+    """A `frames.csv` that can't be read."""
 
 
 @dataclass
@@ -64,9 +69,17 @@ def windows(rows: Iterable[Mapping[str, str]], until_s: float) -> list[LinkWindo
 
 
 def windows_of(run: Path, until_s: float) -> list[LinkWindow]:
-    """Return the windows of a run's folder; none where it has no frames.csv."""
+    """Return the windows of a run's folder; none where it has no frames.csv.
+
+    Raises:
+        FramesError: it has one that can't be read.
+
+    """
     path = run / "frames.csv"
     if not path.is_file():
         return []
-    with path.open(newline="", encoding="utf-8") as file:
-        return windows(csv.DictReader(file), until_s)
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return windows(csv.DictReader(file), until_s)
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise FramesError(f"{path}: can't be read as a run's frames ({error})") from error

@@ -16,13 +16,14 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 
 from scenarios.mapfiles import ElevationMap, MapFileError
 from sim.errors import WorldError
+from sim.heightmaps import SET_GREY
 from sim.terrain_files import ElevationFile, read_elevation
 
 Floats = NDArray[np.float64]
 
 
 def read_map(path: Path, cell_m: float | None = None) -> ElevationMap:
-    """Return the map of an .npz or a GeoTIFF.
+    """Return the map of an .npz, a GeoTIFF or an ASCII grid.
 
     Args:
         path: the file.
@@ -64,6 +65,7 @@ def _in_words_of_maps(error: WorldError) -> str:
         str(error)
         .replace("world.terrain.file ", "")
         .replace("set world.terrain.cell_m to it", "give it by --cell-m")
+        .replace(SET_GREY, "make an .npz or a GeoTIFF of it")
     )
 
 

@@ -17,7 +17,7 @@ from comms.timebase import to_s
 from scenarios import folder
 from scenarios.crew import Crew, MemoryCrew, cpu_s
 from scenarios.ending import conclude
-from scenarios.errors import FolderError
+from scenarios.errors import FolderError, StudyError
 from scenarios.live import LiveView
 from scenarios.overview import Overview, draw
 from scenarios.play import Play
@@ -26,7 +26,7 @@ from scenarios.realtime import RealMemoryCrew, RealRun
 from scenarios.record import write_atomic
 from scenarios.report import report
 from scenarios.robotprocess import peak_bytes
-from scenarios.ros2.bag import BagError, write_bag
+from scenarios.ros2.bag import write_bag
 from scenarios.schema import Scenario, dump
 from scenarios.stage import Stage, set_stage
 from scenarios.summary import (
@@ -125,7 +125,7 @@ def _merge(out: Path, view: LiveView) -> None:
     """Write `run.mcap`; a run is no worse for not having one."""
     try:
         write_bag(out)
-    except BagError as error:
+    except StudyError as error:
         view.say(f"no run.mcap: {error}")
 
 

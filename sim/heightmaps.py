@@ -15,6 +15,7 @@ MAX_HEADER_LINES = 8
 MAX_LINE = 1_000_000
 MAX_CHARS = 40
 """Of one height and what is between it and the next; of a longer file no more is read."""
+SET_GREY = "set world.terrain.grey_m to those of its black and its white, as [0.0, 12.5]"
 PNG_HEAD = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"
 _SIZE = struct.Struct(">II")
 
@@ -109,10 +110,7 @@ def read_png(file: Path, grey_m: tuple[float, float] | None, max_cells: int) -> 
     if rows * cols > max_cells:
         raise WorldError(f"{file}: has {rows} x {cols} cells, allowed are at most {max_cells}")
     if grey_m is None:
-        raise WorldError(
-            f"{file}: a PNG does not tell heights; set world.terrain.grey_m to those of its black"
-            " and its white, as [0.0, 12.5]"
-        )
+        raise WorldError(f"{file}: a PNG does not tell heights; {SET_GREY}")
     try:
         picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     except cv2.error:

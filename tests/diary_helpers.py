@@ -61,7 +61,7 @@ def written_run(
         if second % 20 == 10:
             points_m = rng.normal(size=(40, 3))
             exposure = Exposure(float(second), 0.1, -0.2, points_m, np.ones(40))
-            diary.seen(second * NS, exposure, points_m)
+            diary.seen(second * NS, exposure, points_m, pose_at(second, 0.1))
             diary.image(second * NS, np.full((24, 32), second, np.uint8))
     diary.map(seconds * NS, last, whole=True)
     log.close()

@@ -89,6 +89,10 @@ def test_poses_and_looks_come_back(tmp_path: Path) -> None:
     looks = [diary.read_seen(note.data) for note in notes if note.topic == diary.SEEN]
     assert [look.points_m.shape for look in looks] == [(40, 3)] * 3
     assert looks[0].tilt_rad == -0.2
+    middles = [look.points_m.mean(axis=0) for look in looks]
+    wants = [pose_at(second, 0.1) for second in (10, 30, 50)]
+    for middle, want in zip(middles, wants, strict=True):
+        np.testing.assert_allclose(middle, (want.x_m, want.y_m, want.z_m), atol=0.6)
 
 
 @given(data=st.data())

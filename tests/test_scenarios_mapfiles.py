@@ -6,6 +6,7 @@ import zlib
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import rasterio
@@ -248,3 +249,12 @@ def test_real_ground_comes_back_within_the_bound(path: Path) -> None:
     assert np.array_equal(known, np.isfinite(found.elevation_m))
     assert float(np.abs(found.elevation_m - given_map.elevation_m)[known].max()) <= 0.1
     assert len(sent) < 0.6 * len(npz_bytes(given_map))
+
+
+def test_a_picture_is_no_map_and_an_ascii_grid_is_one(tmp_path: Path) -> None:
+    assert cv2.imwrite(str(tmp_path / "ground.png"), np.zeros((8, 8), np.uint8))
+    with pytest.raises(MapFileError, match=r"make an \.npz"):
+        read_map(tmp_path / "ground.png")
+    rows = "\n".join("1 2 3 4" for _ in range(4))
+    (tmp_path / "ground.asc").write_text(f"ncols 4\nnrows 4\ncellsize 0.5\n{rows}\n")
+    assert read_map(tmp_path / "ground.asc").cell_m == 0.5

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,14 @@ from diary_helpers import FRAME, pose_at, written_run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from run_helpers import RECORDS, small
 
 from comms import ros2_zenoh, zenoh_air
 from comms.timebase import NS
-from scenarios import cli
-from scenarios.diary import Chart
-from scenarios.linkwindows import windows_of
+from scenarios import cli, runner
+from scenarios.diary import Chart, NoteError
+from scenarios.linkwindows import FramesError, windows_of
+from scenarios.notebook import LogFile
 from scenarios.ros2 import bag, bridge, messages
 from scenarios.ros2.bag import BagError, Stamped, write_bag
 from scenarios.ros2.cdr import encode
@@ -232,6 +235,7 @@ def test_the_last_map_of_a_merged_run_is_the_robots(merged: Any) -> None:
     assert frames["true"].rotation.w == pytest.approx(math.cos(3.0))
 
 
+@pytest.mark.slow
 def test_rerun_draws_a_merged_run(merged: Any) -> None:
     pytest.importorskip("rerun", reason="rerun-sdk is an extra (pip install ropeteam[view])")
     kind, path, _ = merged
@@ -280,6 +284,16 @@ def test_what_cannot_be_merged_is_refused(tmp_path: Path) -> None:
         write_bag(tmp_path, tmp_path / "nowhere" / "run.mcap")
     (tmp_path / "recon.mcap").write_bytes(b"no log at all, but long enough to look like one")
     with pytest.raises(BagError, match="neither maps nor poses"):
+        write_bag(tmp_path)
+    assert list(tmp_path.glob(".*.part")) == []
+    log = LogFile(tmp_path / "recon.mcap")
+    log.keep("team_map", b"no map", 0)
+    log.close()
+    with pytest.raises(NoteError, match="damaged"):
+        write_bag(tmp_path)
+    written_run(tmp_path)
+    (tmp_path / "frames.csv").write_text("from,to\na,b\n")
+    with pytest.raises(FramesError, match=r"frames\.csv"):
         write_bag(tmp_path)
     assert list(tmp_path.glob(".*.part")) == []
 
@@ -343,15 +357,10 @@ def test_a_run_is_published_as_ros_sends_it(tmp_path: Path, typestore: Any) -> N
         "5/**",
         lambda x: told.append((str(x.key_expr), x.payload.to_bytes(), x.attachment.to_bytes())),
     )
-    command = [sys.executable, "-m", "scenarios.cli", "ros2", str(tmp_path), "--until-eof"]
-    command += ["--router", hub.endpoint, "--domain", "5"]
     try:
-        with subprocess.Popen(command, stdin=subprocess.PIPE) as process:
+        with bridge.beside(tmp_path, hub.endpoint, 5):
             wait_for(lambda: any("path_believed" in key for key, _, _ in told))
             tokens = [str(r.ok.key_expr) for r in ear.liveliness().get("@ros2_lv/5/**")]
-            assert process.stdin is not None
-            process.stdin.close()
-        assert process.returncode == 0
     finally:
         ear.close()
         hub.close()
@@ -368,6 +377,26 @@ def test_a_run_is_published_as_ros_sends_it(tmp_path: Path, typestore: Any) -> N
     assert (len(attachment), attachment[0], attachment[16]) == (33, 1, 16)
     clock = typestore.deserialize_cdr(newest_of(told, "clock")[1], "rosgraph_msgs/msg/Clock")
     assert clock.clock.sec == 60
+
+
+def test_a_run_with_ros_beside_it_leaves_the_same_records(tmp_path: Path) -> None:
+    hub = zenoh_air.open_hub()
+    told: list[bytes] = []
+    hub.listen("5/**", lambda _, data: told.append(data), lambda drain: drain())
+    brief = small("pair", "limit_s=60", "planner.max_looks=2")
+    quiet: dict[str, Any] = {"quiet": True, "picture": False, "merge": False}
+    try:
+        runner.run(brief, tmp_path / "alone", **quiet)
+        beside = partial(bridge.beside, endpoint=hub.endpoint, domain=5)
+        runner.run(brief, tmp_path / "followed", **quiet, beside=beside)
+    finally:
+        hub.close()
+    assert told
+    names = [path.name for path in (tmp_path / "alone").glob("*.mcap")]
+    for name in [*RECORDS, *names]:
+        assert (tmp_path / "alone" / name).read_bytes() == (
+            tmp_path / "followed" / name
+        ).read_bytes()
 
 
 def wait_for(done: Any, limit_s: float = 60.0) -> None:

@@ -35,7 +35,8 @@ def _run(args: argparse.Namespace) -> int:
 
     folder: Path = args.folder
     bag = folder / NAME if (folder / NAME).is_file() else write_bag(folder)
-    subprocess.run([*_viewer(bag), str(bag)], check=False)
+    # Left to itself it listens on all interfaces.
+    subprocess.run([*_viewer(bag), "--bind", "127.0.0.1", str(bag)], check=False)
     return OK
 
 

@@ -25,7 +25,7 @@ from scenarios.schema import load
 
 NAME = "run.mcap"
 GRIDS, CLOUDS = 40, 8
-PATH_POSES = 1000
+PATH_POSES = 300
 
 
 class BagError(StudyError):
@@ -180,8 +180,9 @@ def write_bag(run: Path, out: Path | None = None) -> Path:
             _write(stream, run, notes)
         os.replace(part, out)
     except OSError as error:
-        part.unlink(missing_ok=True)
         raise BagError(f"{out}: can't be written: {error.strerror}") from error
+    finally:
+        part.unlink(missing_ok=True)
     return out
 
 

@@ -26,6 +26,8 @@ from scenarios.schema import load
 
 ROUND_S = 0.5
 AGAIN_S = 5.0
+END_S = 20.0
+"""How long the last messages may take once the run has ended."""
 NICENESS = 10
 
 
@@ -125,9 +127,14 @@ def beside(run: Path, endpoint: str = ROUTER, domain: int = 0) -> Generator[None
     """Publish a run from a process of its own while it goes on."""
     command = [sys.executable, "-m", "scenarios.cli", "ros2", str(run), "--until-eof"]
     command += ["--router", endpoint, "--domain", str(domain)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True) as process:
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, start_new_session=True)
+    assert process.stdin is not None
+    try:
+        yield
+    finally:
+        process.stdin.close()
         try:
-            yield
-        finally:
-            assert process.stdin is not None
-            process.stdin.close()
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()

@@ -51,7 +51,9 @@ def encode(name: str, message: Mapping[str, Any]) -> bytes:
 
 
 def _align(out: bytearray, size: int) -> None:
-    out.extend(bytes(-(len(out) - len(HEADER)) % size))
+    gap = (len(HEADER) - len(out)) % size
+    if gap:
+        out.extend(bytes(gap))
 
 
 def _number(kind: str) -> Write:
