@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from agents.robot import Robot
 
 
+BARRED = 50
+"""So many places where it came to a halt a robot remembers."""
+
+
 class ElevationMapper:
     """`agents.mapper.Mapper` of elevation maps."""
 
@@ -27,6 +31,7 @@ class ElevationMapper:
         self.settings = robot.settings
         self.strategy = strategy(self.settings.method)
         self.interest = Interest(self.settings.frame.shape, self.settings.planner.beta)
+        self.barred: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
@@ -83,6 +88,7 @@ class ElevationMapper:
             planner=self.settings.planner,
             claims=robot.regions(wished=False),
             wishes=tuple(robot.regions(wished=True)),
+            barred=self.barred,
             trail_m=np.array(robot.trail),
         )
 
@@ -102,5 +108,10 @@ class ElevationMapper:
         return NextLook(plan.path_m, heading_rad, plan.tilt_rad, claim)
 
     def halted(self) -> float | None:
-        """Look as planned: rocks and steps are seen, not felt."""
+        """Bar the ground before the wheels, which the map took for better; look as planned."""
+        pose, radius_m = self.robot.pose, 0.5 * self.settings.drive.footprint_m
+        ahead_m = radius_m + self.settings.frame.cell_m
+        x_m = pose.x_m + ahead_m * math.cos(pose.yaw_rad)
+        y_m = pose.y_m + ahead_m * math.sin(pose.yaw_rad)
+        self.barred = (*self.barred, (x_m, y_m, radius_m))[-BARRED:]
         return None

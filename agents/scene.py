@@ -53,6 +53,8 @@ class View:
     """(x, y, radius) in metres that team-mates said they will look at."""
     wishes: tuple[tuple[float, float, float], ...] = ()
     """(x, y, radius) of ground that a team-mate waits to know."""
+    barred: tuple[tuple[float, float, float], ...] = ()
+    """(x, y, radius) of ground on which the wheels came to a halt, whatever the map shows there."""
     trail_m: Floats | None = None
     """(N, 2) where the robot has been: it can always go back the way it came."""
 
@@ -229,6 +231,8 @@ class Scene:
             beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
             inward = layers.rim_m >= min(inset_m, layers.rim_m[self.cell])
             cost[beside & inward & layers.passable & np.isinf(cost)] = NEAR_COST
+        for x_m, y_m, radius_m in view.barred:
+            cost[self._within(x_m, y_m, radius_m)] = np.inf
         cost[self._trail() & np.isinf(cost)] = NEAR_COST
         for mate in view.others:
             cost[self._within(mate.x_m, mate.y_m, 1.25 * drive.footprint_m)] = np.inf

@@ -240,3 +240,15 @@ def test_a_robot_outside_the_inset_polygon_may_only_go_inward():
     assert 1 < scene.cost[scene.cell] < np.inf
     assert np.isinf(scene.cost[y < 7.85]).all()
     assert len(scene.candidates) > 5
+
+
+def test_ground_on_which_the_wheels_came_to_a_halt_is_gone_round_but_the_way_back_is_free():
+    view = view_of(np.zeros(FRAME.shape))
+    barred = ((6.0, 7.5, 0.4),)
+    scene = Scene(replace(view, barred=barred))
+    assert np.isinf(scene.cost[75, 60])
+    assert np.isfinite(scene.travel[0][60, 60])
+    assert scene.travel[0][60, 60] > Scene(view).travel[0][60, 60]
+    trail = np.array([(6.0, 7.0), (6.0, 8.0)])
+    back = Scene(replace(view, barred=((6.0, 7.7, 0.4),), trail_m=trail))
+    assert np.isfinite(back.cost[72:80, 60]).all()

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sim_helpers import ground
 
+from agents.geometry import GridFrame
 from scenarios.cli import main
 from scenarios.errors import StudyError
 from scenarios.experiments import field, sandpit
@@ -111,7 +111,7 @@ def test_figures_are_drawn_without_and_with_maps(tmp_path: Path) -> None:
 
 
 def test_the_distance_to_a_surface_by_hand() -> None:
-    frame = ground(np.zeros((40, 40)), 0.1).frame
+    frame = GridFrame(0.0, 0.0, 0.1, 40, 40)
     slope = np.tile(np.arange(40) * 0.1, (40, 1))
     where = np.zeros((40, 40), dtype=bool)
     where[20, 20] = True
