@@ -20,13 +20,28 @@ from scenarios.commands import (
     replay,
     run,
     shelf,
+    soak,
     stereo,
     sweep,
 )
 from scenarios.commands.parsing import BAD_INPUT, FAULT, INTERRUPTED, OK, Parser
 from scenarios.errors import StudyError
 
-COMMANDS = (run, shelf, experiment, map, link, chaos, replay, sweep, plot, stereo, host, agent)
+COMMANDS = (
+    run,
+    shelf,
+    experiment,
+    map,
+    link,
+    chaos,
+    replay,
+    sweep,
+    plot,
+    stereo,
+    host,
+    agent,
+    soak,
+)
 
 
 class _Version(argparse.Action):
