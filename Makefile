@@ -7,13 +7,14 @@ JOBS ?= 2
 OUT ?= runs/demo
 RUNS ?= 1000000
 CHAOS ?= 10000
+HOURS ?= 24
 ARGS ?=
 
 SETTINGS := pyproject.toml constraints.txt
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo setup test test-all fuzz chaos lint docs figures format scenario-keys \
+.PHONY: help demo setup test test-all fuzz chaos soak lint docs figures format scenario-keys \
 	readme-picture view-pictures clean
 
 help:
@@ -22,6 +23,7 @@ help:
 	@echo "make test-all  all tests"
 	@echo "make fuzz      a million damaged and forged inputs for each decoder (RUNS=n)"
 	@echo "make chaos     10,000 small runs under random faults (CHAOS=n), none of which may break"
+	@echo "make soak      24 simulated hours under faults, in which no process may grow (HOURS=n)"
 	@echo "make lint      ruff, pyright (strict), and the import contract of the four rooms"
 	@echo "make docs      the documents as a site, in build/site, with strict links"
 	@echo "make setup     only set up $(VENV), with $(BIN)/ropeteam in it"
@@ -49,6 +51,10 @@ fuzz: $(VENV)/fuzz.stamp
 chaos: $(VENV)/run.stamp
 	@$(BIN)/python -m scenarios.preload
 	$(BIN)/ropeteam chaos pair --small --runs $(CHAOS) --jobs $(JOBS) --out runs/chaos.json $(ARGS)
+
+soak: $(VENV)/run.stamp
+	@$(BIN)/python -m scenarios.preload
+	$(BIN)/ropeteam soak --hours $(HOURS) --out runs/soak.json $(ARGS)
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

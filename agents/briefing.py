@@ -47,6 +47,9 @@ class AgentSettings:
     planner: PlannerSettings
     sharing: SharingSettings
     tether: TetherSettings
+    whole: GridFrame | None = None
+    """The team's grid, where `frame` is only a region of it that this robot keeps; the corner of
+    the region is a tile's. None: it keeps all."""
 
 
 class RobotLog(Protocol):

@@ -67,7 +67,7 @@ class Member:
         self.me = Origin(settings.index, disk.incarnation)
         sharing = way(settings.sharing.policy)
         side = max(settings.frame.shape) if sharing.whole_map else settings.map.tile_cells
-        self.grid = TileGrid(settings.frame, side)
+        self.grid = TileGrid(settings.frame, side, settings.whole)
         kind = sharing.kind(settings.map)
         self.own: OwnLayer[Any] = OwnLayer(settings.frame, kind.submap)
         self.store = Store()
@@ -366,6 +366,8 @@ class Member:
         for chunk in chunks:
             self._check(chunk)
         for chunk in chunks:
+            if not self.grid.holds(chunk.key.tile):
+                continue  # of ground that this robot does not keep
             changed = self.store.offer(chunk)
             if changed:
                 self.team.tile_changed(chunk.key)

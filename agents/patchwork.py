@@ -8,6 +8,7 @@ laid with a margin of one cell, and a tile that changes makes those beside it st
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import groupby
 from typing import Generic
 
@@ -23,27 +24,59 @@ MARGIN_CELLS = 1
 
 @dataclass(frozen=True)
 class TileGrid:
-    """How the team grid is cut into square tiles, row by row from the south-west."""
+    """How the team grid is cut into square tiles, row by row from the south-west.
+
+    A robot of a team that covers much ground may keep a region of it: then tiles have the numbers
+    of the whole grid, and windows count from the region's corner.
+    """
 
     frame: GridFrame
+    """What the robot keeps."""
     tile_cells: int
+    whole: GridFrame | None = None
+    """The team's grid, where `frame` is a region of it; its corner is a tile's."""
 
-    @property
+    @cached_property
     def across(self) -> int:
-        """Tiles in one row."""
-        return -(-self.frame.cols // self.tile_cells)
+        """Tiles in one row of the team's grid."""
+        return -(-(self.whole or self.frame).cols // self.tile_cells)
 
-    @property
+    @cached_property
     def count(self) -> int:
-        """Tiles in all."""
-        return self.across * -(-self.frame.rows // self.tile_cells)
+        """Tiles of the team's grid in all."""
+        return self.across * -(-(self.whole or self.frame).rows // self.tile_cells)
+
+    @cached_property
+    def _corner(self) -> tuple[int, int]:
+        """Row and column, in tiles, of the region's south-west corner."""
+        whole, frame = self.whole or self.frame, self.frame
+        side_m = self.tile_cells * frame.cell_m
+        return round((frame.y_m - whole.y_m) / side_m), round((frame.x_m - whole.x_m) / side_m)
+
+    @cached_property
+    def tiles(self) -> tuple[int, ...]:
+        """The tiles of the region, ascending."""
+        side, (row0, col0) = self.tile_cells, self._corner
+        rows, cols = -(-self.frame.rows // side), -(-self.frame.cols // side)
+        return tuple(
+            (row0 + row) * self.across + col0 + col for row in range(rows) for col in range(cols)
+        )
+
+    @cached_property
+    def _held(self) -> frozenset[int]:
+        return frozenset(self.tiles)
+
+    def holds(self, tile: int) -> bool:
+        """Say whether a tile lies in the region."""
+        return tile in self._held
 
     def window(self, tile: int, margin: int = 0) -> Window:
         """Return the cells of a tile; tiles at the north and east edge may be smaller.
 
-        With a margin of so many cells on each side, as far as the grid goes.
+        With a margin of so many cells on each side, as far as the region goes.
         """
         row, col = divmod(tile, self.across)
+        row, col = row - self._corner[0], col - self._corner[1]
         side = self.tile_cells
         return (
             slice(max(0, row * side - margin), min((row + 1) * side + margin, self.frame.rows)),
@@ -55,16 +88,17 @@ class TileGrid:
         return shape_of(self.window(tile))
 
     def beside(self, tile: int) -> list[int]:
-        """Return the tiles that share an edge with a tile."""
+        """Return the tiles of the region that share an edge with a tile."""
         row, col = divmod(tile, self.across)
         places = ((row - 1, col), (row, col - 1), (row, col + 1), (row + 1, col))
-        rows = self.count // self.across
-        return [r * self.across + c for r, c in places if 0 <= r < rows and 0 <= c < self.across]
+        near = [r * self.across + c for r, c in places if 0 <= c < self.across]
+        return [other for other in near if other in self._held]
 
     def touched(self, mask: Bools) -> list[int]:
-        """Return the tiles in which a mask (rows, cols) has a cell."""
+        """Return the tiles in which a mask (rows, cols) of the region has a cell."""
         rows, cols = np.nonzero(mask)
-        tiles = (rows // self.tile_cells) * self.across + cols // self.tile_cells
+        row0, col0 = self._corner
+        tiles = (rows // self.tile_cells + row0) * self.across + cols // self.tile_cells + col0
         return [int(t) for t in np.unique(tiles)]
 
 
@@ -99,7 +133,7 @@ class Patchwork(Generic[S, E]):
         self._kind, self._grid = kind, grid
         self._with_anchors, self._counts_bits = with_anchors, counts_bits
         self._whole: E | None = None
-        self._stale = set(range(grid.count))
+        self._stale = set(grid.tiles)
         self._bits: dict[Origin, dict[int, float]] = {}
         self._moved: dict[AnchorKey, tuple[tuple[int, int], dict[int, E]]] = {}
         """Tiles of submaps that lie elsewhere than they were drawn, and of which drawing."""
@@ -113,7 +147,7 @@ class Patchwork(Generic[S, E]):
 
     def all_changed(self) -> None:
         """Note that anything may be drawn, or lie, elsewhere."""
-        self._stale.update(range(self._grid.count))
+        self._stale.update(self._grid.tiles)
 
     def laid(self, sheets: Callable[[], list[Sheet[E]]]) -> E:
         """Return the whole grid; `sheets` come by origin, those of one origin oldest first.
@@ -123,7 +157,7 @@ class Patchwork(Generic[S, E]):
         if self._whole is not None and not self._stale:
             return self._whole
         fresh = self._kind.blank(self._grid.frame.shape)
-        if self._whole is not None and len(self._stale) < self._grid.count:
+        if self._whole is not None and len(self._stale) < len(self._grid.tiles):
             self._kind.paste(fresh, EVERYWHERE, self._whole)
         placed = [self._placed(sheet) for sheet in sheets()]
         origins = [(o, list(group)) for o, group in groupby(placed, key=lambda s: s.key[:2])]
@@ -206,7 +240,7 @@ class Patchwork(Generic[S, E]):
 def whole_drawing(kind: MapKind[S, E], grid: TileGrid, tile_of: Callable[[int], E | None]) -> E:
     """Return a submap on the whole grid, before its anchor is applied."""
     drawing = kind.blank(grid.frame.shape)
-    for tile in range(grid.count):
+    for tile in grid.tiles:
         piece = tile_of(tile)
         if piece is not None:
             kind.paste(drawing, grid.window(tile), piece)

@@ -29,7 +29,8 @@ def memory_mb() -> float:
 
 def one(robots: int, until_s: float, horizon_m: float | None) -> None:
     before_mb, started_s = memory_mb(), time.perf_counter()
-    fleet = Fleet(FleetSettings(robots, horizon_m=horizon_m))
+    region_m = None if horizon_m is None else FleetSettings(1).region_m
+    fleet = Fleet(FleetSettings(robots, horizon_m=horizon_m, region_m=region_m))
     found = account(fleet, until_s / 2, until_s)
     row = (
         robots,

@@ -26,6 +26,7 @@ from scenarios.commands import (
     run,
     shelf,
     show,
+    soak,
     stereo,
     sweep,
     view,
@@ -53,6 +54,7 @@ COMMANDS = (
     show,
     host,
     agent,
+    soak,
 )
 
 

@@ -69,8 +69,11 @@ class FleetSettings:
     """Between neighbours at the start; the ground grows with the fleet."""
     radio_m: float = 9.0
     """Radio range."""
-    horizon_m: float | None = 9.0
+    horizon_m: float | None = 6.0
     """`sharing.horizon_m`; None: everything is for everybody."""
+    region_m: float | None = 22.0
+    """A robot keeps the ground so far to each side of its start; None: all of it. It has to hold
+    what it can hear of: radio range, horizon, and the way that it goes itself."""
     seed: int = 1
     profile: ProfileName = "uhf-9600"
     sensor: SensorSettings = CHEAP_SENSOR
@@ -321,6 +324,22 @@ class Fleet:
         except Exception as error:
             self.faults.append(f"{type(error).__name__}: {error}")
 
+    def _region(self, start: Pose) -> GridFrame:
+        """Return the part of the ground that a robot keeps: whole tiles."""
+        whole, region_m = self.frame, self.settings.region_m
+        if region_m is None:
+            return whole
+        side = self.settings.map.tile_cells
+        side_m = side * whole.cell_m
+
+        def span(at_m: float, cells: int) -> tuple[int, int]:
+            low = max(0, math.floor((at_m - region_m) / side_m))
+            return low * side, min(cells, (math.ceil((at_m + region_m) / side_m)) * side)
+
+        (row, top), (col, right) = span(start.y_m, whole.rows), span(start.x_m, whole.cols)
+        x_m, y_m = (n * whole.cell_m for n in (col, row))
+        return GridFrame(x_m, y_m, whole.cell_m, top - row, right - col)
+
     def _told(self, name: str, start: Pose) -> AgentSettings:
         settings = self.settings
         return AgentSettings(
@@ -328,7 +347,8 @@ class Fleet:
             index=self.index[name],
             roster=self.roster,
             roles=self._roles,
-            frame=self.frame,
+            frame=self._region(start),
+            whole=self.frame,
             start=start,
             start_covariance=np.diag([1e-6, 1e-6, 1e-6, 1e-8]),
             goal_m=None,

@@ -61,7 +61,7 @@ class Host:
         self._driven_m = 0.0
         self._way: Segment | None = None
         self.status: dict[str, Any] = {}
-        self._pose_errors: list[float] = []
+        self._pose_errors = Rms()
         self._map_score: tuple[float, float | None, int, float, float] = (0.0, None, 0, 0.0, 0.0)
         self._scored: object = None
         self._scorer = scorer_of(plan.terrain)
@@ -291,7 +291,7 @@ class Host:
             "received_bytes": self.radio.traffic.received_bytes,
             "airtime_s": to_s(self.radio.traffic.airtime_ns),
             "distance_m": self.distance_m,
-            "pose_error_rms_m": rms(self._pose_errors),
+            "pose_error_rms_m": self._pose_errors.value,
             "dropped": dict(sorted(self.radio.dropped.items())),
             "hazards": self.rig.hazards_hit(),
         }
@@ -450,6 +450,19 @@ def _length_m(start: Pose, end: Pose) -> float:
     return math.hypot(end.x_m - start.x_m, end.y_m - start.y_m, end.z_m - start.z_m)
 
 
-def rms(values: list[float]) -> float | None:
-    """Return the root mean square, None of nothing."""
-    return math.sqrt(sum(v * v for v in values) / len(values)) if values else None
+class Rms:
+    """A root mean square that keeps no values."""
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._sum, self._count = 0.0, 0
+
+    def append(self, value: float) -> None:
+        """Take one more."""
+        self._sum += value * value
+        self._count += 1
+
+    @property
+    def value(self) -> float | None:
+        """The root mean square so far; None of nothing."""
+        return math.sqrt(self._sum / self._count) if self._count else None

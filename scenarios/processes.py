@@ -83,6 +83,12 @@ class LocalProcess:
         self._process: ForkServerProcess = context.Process(target=main, args=args, name=name)
         self._process.start()
 
+    @property
+    def pid(self) -> int:
+        """Its number."""
+        assert self._process.pid is not None
+        return self._process.pid
+
     def kill(self) -> None:
         """See `Process`."""
         self._process.kill()
@@ -105,9 +111,7 @@ class LocalProcess:
         self._signal(signal.SIGCONT)
 
     def _signal(self, number: signal.Signals) -> None:
-        pid = self._process.pid
-        assert pid is not None
-        os.kill(pid, number)  # the process was not joined yet, so the number is still its own
+        os.kill(self.pid, number)  # the process was not joined yet, so the number is still its own
 
     def ended(self) -> str | None:
         """See `Process`."""
@@ -145,6 +149,11 @@ class ZenohCrew:
         self._ended = threading.Event()
         self._watcher = threading.Thread(target=self._watch, name="watcher", daemon=True)
         self._watcher.start()
+
+    def pids(self) -> dict[str, int]:
+        """Return the processes of robots on this computer, by name."""
+        found = {name: robot.process for name, robot in self._robots.items()}
+        return {name: p.pid for name, p in found.items() if isinstance(p, LocalProcess)}
 
     def begin(self, plan: Plan, number: int) -> Process:
         """Start the process of one robot, the so manieth of all."""

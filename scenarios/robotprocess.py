@@ -125,10 +125,10 @@ def _listen(air: Channel, inbox: Inbox, own: str, counts: dict[str, int]) -> Non
             inbox.add(sender, packet)
 
 
-def unique_bytes() -> int | None:
-    """Return the memory that this process shares with no other; None where nobody says so."""
+def unique_bytes(pid: int | None = None) -> int | None:
+    """Return the memory that a process (this one) shares with no other; None: nobody says so."""
     try:
-        lines = Path("/proc/self/smaps_rollup").read_text().splitlines()[1:]
+        lines = Path(f"/proc/{pid or 'self'}/smaps_rollup").read_text().splitlines()[1:]
     except OSError:
         return None
     sizes_kib = {key: int(rest.split()[0]) for key, _, rest in (x.partition(":") for x in lines)}

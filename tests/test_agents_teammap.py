@@ -74,6 +74,34 @@ def test_tiles_part_the_grid_and_are_found_by_their_cells(
     assert grid.touched(mask) == [t for t in range(grid.count) if mask[grid.window(t)].any()]
 
 
+@given(st.integers(1, 6), st.integers(1, 6), st.integers(0, 3), st.integers(0, 3), seeds)
+@quick
+def test_a_region_numbers_its_tiles_as_the_whole_does(
+    rows: int, cols: int, row0: int, col0: int, seed: int
+) -> None:
+    side, cell_m = 16, 0.25
+    whole = GridFrame(-3.0, 5.0, cell_m, (row0 + rows + 1) * side, (col0 + cols + 1) * side - 5)
+    corner = (whole.x_m + col0 * side * cell_m, whole.y_m + row0 * side * cell_m)
+    region = GridFrame(*corner, cell_m, rows * side, cols * side)
+    all_of_it, part = TileGrid(whole, side), TileGrid(region, side, whole)
+    mask = np.zeros(whole.shape, dtype=bool)
+    inside = (
+        slice(row0 * side, (row0 + rows) * side),
+        slice(col0 * side, (col0 + cols) * side),
+    )
+    mask[inside] = np.random.default_rng(seed).random(region.shape) < 0.01
+    assert part.touched(mask[inside]) == all_of_it.touched(mask)
+    assert part.count == all_of_it.count
+    for tile in all_of_it.tiles:
+        window = all_of_it.window(tile)
+        within = all(a.start <= b.start < a.stop for a, b in zip(inside, window, strict=True))
+        assert part.holds(tile) == within
+        if within:
+            assert np.array_equal(mask[inside][part.window(tile)], mask[window])
+            held = [other for other in all_of_it.beside(tile) if part.holds(other)]
+            assert part.beside(tile) == held
+
+
 # --- adding up ------------------------------------------------------------------------------
 
 cells = st.tuples(st.floats(-50, 50), st.floats(1e-6, 100) | st.just(math.inf))

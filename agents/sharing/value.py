@@ -76,6 +76,8 @@ class Value(Policy):
         self._offers: dict[TileKey, Offer] = {}
         self._stale: set[TileKey] = set()
         self._has_horizon = desk.settings.horizon_m is not None
+        self._beyond: dict[int, bool] = {}
+        """By tile: whether it is too far off to be passed on."""
 
     # --- what changed ---------------------------------------------------------------------
 
@@ -221,11 +223,16 @@ class Value(Policy):
 
     def look_again(self) -> None:
         """Weigh all tiles anew: the robot has moved, and others lie within its horizon."""
+        self._beyond.clear()
         self._stale.update(self.store.keys())
 
     def _is_beyond(self, key: TileKey) -> bool:
         """Say whether a tile is another's and too far off to be passed on."""
-        return self._has_horizon and key.origin != self.me and self.weight(key) <= 0.0
+        if not self._has_horizon or key[:2] == self.me:
+            return False
+        if key.tile not in self._beyond:
+            self._beyond[key.tile] = self.weight(key) <= 0.0
+        return self._beyond[key.tile]
 
     def _offer(self, key: TileKey) -> Offer | None:
         if self._is_beyond(key):

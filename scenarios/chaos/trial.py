@@ -75,13 +75,13 @@ class _Watched(VirtualRun):
 
 def run_trial(scenario: Scenario) -> Evidence:
     """Run a scenario, keep no files, and return what is known of it."""
-    with _folder() as out:
+    with folder_in_memory() as out:
         if scenario.air == "zenoh":
             start_fork_server()
             crew: Crew = ZenohCrew()
         else:
             crew = MemoryCrew()
-        play = _Watched(_stage_of(scenario), out, crew)
+        play = _Watched(stage_of(scenario), out, crew)
         try:
             play.play()
         finally:
@@ -101,7 +101,7 @@ def run_trial(scenario: Scenario) -> Evidence:
     )
 
 
-def _stage_of(scenario: Scenario) -> Stage:
+def stage_of(scenario: Scenario) -> Stage:
     """Return the stage of a scenario; the ground of the last few is kept."""
     ground = scenario.model_copy(update={"events": (), "air": "memory"})
     if scenario.world.seed is not None:
@@ -116,7 +116,7 @@ def _made_stage(text: str) -> Stage:
 
 
 @contextmanager
-def _folder() -> Generator[Path]:
+def folder_in_memory() -> Generator[Path]:
     """Make a folder for the robots' disks, in memory where that can be."""
     base = MEMORY_FOLDER if os.access(MEMORY_FOLDER, os.W_OK) else None
     folder = Path(tempfile.mkdtemp(prefix="ropeteam-", dir=base))
