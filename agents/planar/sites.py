@@ -15,9 +15,11 @@ import numpy as np
 
 from agents import paths
 from agents.geometry import Floats, Ints
-from agents.planar.casting import gains, visibility, windows
+from agents.planar.casting import gains, visibility
 from agents.planar.scene import Scene
 from agents.planar.sensing import MAPPED
+from comms import kernels
+from comms.kernels import kernel
 
 LOOK_WORTH_M = 2.0
 """Metres of driving that cost as much as one look (its gains saved elsewhere)."""
@@ -46,19 +48,32 @@ def survey(scene: Scene, lacking: Floats, cells: Ints, least: float) -> Sites:
     return Sites(cells, by_bearing, np.where(gain >= least, gain, 0.0), first)
 
 
+@kernel
+def _choose_looks(left: np.ndarray, width: int, gain: np.ndarray, first: np.ndarray) -> None:
+    """Take window after window of each ring (E, B); what one shows, the next no longer does."""
+    bearings = left.shape[1]
+    for e in range(len(left)):
+        ring = left[e]
+        for m in range(gain.shape[1]):
+            total = 0.0
+            for k in range(width):
+                total += ring[k]
+            best, at = total, 0
+            for b in range(1, bearings):
+                total += ring[(b + width - 1) % bearings] - ring[b - 1]
+                if total > best + 1e-9:
+                    best, at = total, b
+            gain[e, m] = max(best, 0.0)
+            first[e, m] = at
+            for k in range(width):
+                ring[(at + k) % bearings] = 0.0
+
+
 def _look_sets(by_bearing: Floats, width: int) -> tuple[Floats, Ints]:
     """Return gains and first rays (E, MOST_LOOKS) of looks chosen greedily at each place."""
-    left = by_bearing.copy()
-    count, bearings = left.shape
-    places = np.arange(count)
-    gain = np.zeros((count, MOST_LOOKS))
-    first = np.zeros((count, MOST_LOOKS), dtype=np.int64)
-    for m in range(MOST_LOOKS):
-        window = windows(left, width)
-        first[:, m] = window.argmax(axis=1)
-        gain[:, m] = window[places, first[:, m]]
-        shown = (first[:, m, None] + np.arange(width)) % bearings
-        left[places[:, None], shown] = 0.0
+    gain = np.zeros((len(by_bearing), MOST_LOOKS))
+    first = np.zeros(gain.shape, dtype=np.int64)
+    _choose_looks(by_bearing.copy(), width, gain, first)
     return gain, first
 
 
@@ -92,3 +107,9 @@ def ahead(scene: Scene, sites: Sites, at: int, looks: int, least: float) -> floa
     total = float(sites.gain[at, :looks].sum() + gain[then, :more].sum())
     driven_m = float(way_m[at] + next_m[then])
     return total / (looks + more + driven_m / LOOK_WORTH_M)
+
+
+@kernels.warmer
+def warm() -> None:
+    """Compile the kernel of this module."""
+    _look_sets(np.ones((1, 8)), 2)

@@ -12,6 +12,8 @@ It differs from the paper's fifth method in five ways:
   team-mate that falls silent drops out of the view, and with it what it claimed.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from agents.geometry import Floats, Ints
@@ -24,6 +26,8 @@ from agents.planar.view import PlanarLook, PlanarView
 
 RELATED = 0.6
 """Cells along a ray stand or fall together: this power of their chances fits what was measured."""
+SMALL = 0.3
+"""While a look is to be had somewhere, those that show less than this share of it wait."""
 HEADS = 3
 """Routes that are compared."""
 APART_CELLS = 8.0
@@ -54,6 +58,8 @@ class TeamInformation:
         sites = survey(scene, scene.lacking, scene.candidates(rng), least)
         if not sites.gain.any():
             return None
+        least = max(least, SMALL * float(sites.gain.max()))
+        sites = replace(sites, gain=np.where(sites.gain >= least, sites.gain, 0.0))
         cell, first, gain = _refined(scene, _best(scene, sites, least), least)
         self._memory.expect(scene, cell, first)
         yaw_rad = float(yaw_of(np.array(first), scene.rays.width))
