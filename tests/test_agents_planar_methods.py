@@ -24,7 +24,7 @@ from planar_helpers import (
 from agents import planar
 from agents.information import binary_entropy, plogp, stretched
 from agents.planar import MethodError, methods
-from agents.planar.casting import first_ray
+from agents.planar.casting import HALF, first_ray
 from agents.planar.methods import BINS, RINGS, Memory, Raster
 from agents.planar.scene import Means
 from agents.planar.sensing import MAPPED
@@ -103,7 +103,8 @@ def test_how_often_a_step_is_stopped_is_counted_from_free_cells_upon_a_prior() -
 def test_cells_lack_what_they_need_to_be_mapped_weighed_by_interest() -> None:
     view = view_of(np.array([[-SURE, -1.0, 0.0, 0.0]]), (0, 0))
     scene = methods.Scene(view, MEANS, np.array([[1.0, 1.0, 1.0, 0.5]]))
-    assert scene.lacking[0] == pytest.approx([0.0, MAPPED - 1.0, MAPPED, 0.5 * MAPPED])
+    assert scene.lacking[0] == pytest.approx([0.0, MAPPED - 1.0, MAPPED, MAPPED])
+    assert scene.worth[0] == pytest.approx([0.0, 1.0 - HALF, 1.0, 0.5])
 
 
 # --- NI, by hand --------------------------------------------------------------------------------

@@ -11,6 +11,7 @@ from planar_helpers import SENSOR
 from agents.geometry import GridFrame, Pose
 from agents.planar.casting import (
     BEARINGS,
+    HALF,
     LEAST,
     first_ray,
     gains,
@@ -138,23 +139,28 @@ def test_visibility_is_the_best_of_the_rays_walked_one_by_one(
 @settings(max_examples=25, deadline=None)
 def test_gains_book_each_cell_once_with_its_best_chance(seed: int) -> None:
     through, rng = mixed(seed), np.random.default_rng(seed)
-    lacking = rng.choice([0.0, 1.0, MAPPED], size=through.shape)
+    worth = rng.choice([0.0, 0.25, 1.0], size=through.shape)
     eyes = np.array([[4, 5], [0, 0]])
-    found = gains(through, lacking, star_of(EXACT, 1.0), eyes)
+    lacking = np.full(through.shape, MAPPED)
+    found = gains(through, lacking, worth, star_of(EXACT, 1.0), eyes)
     for eye, by_bearing in zip(eyes, found, strict=True):
         whole = best_of(through, (int(eye[0]), int(eye[1])), list(range(BEARINGS)))
-        assert by_bearing.sum() == pytest.approx((whole * lacking).sum(), rel=1e-5)
+        assert by_bearing.sum() == pytest.approx((whole * worth).sum(), rel=1e-5)
         assert (by_bearing >= 0).all()
 
 
-def test_a_look_adds_no_more_than_a_cell_lacks_nor_than_its_range_allows() -> None:
+def test_a_cell_that_a_look_leaves_short_of_being_mapped_counts_in_part() -> None:
     far = SENSOR.model_copy(update={"noise_s": 0.03, "range_m": 4.0})
     rays = star_of(far, 1.0)
     corridor, eye = np.ones((1, 5)), np.array([[0, 0]])
     sure = evidence(np.arange(5.0), 1.0, far)
     assert sure[4] < MAPPED < sure[3]
-    lacking = np.array([[0.0, 0.0, 0.0, 1.0, MAPPED]])
-    assert gains(corridor, lacking, rays, eye).sum() == pytest.approx(1.0 + sure[4], rel=1e-6)
+    blank = np.full((1, 5), MAPPED)
+    found = gains(corridor, blank, np.array([[0.0, 0.0, 0.0, 1.0, 1.0]]), rays, eye)
+    assert found.sum() == pytest.approx(1.0 + HALF, rel=1e-6)
+    lacks_little = np.array([[MAPPED] * 4 + [0.9 * sure[4]]])
+    found = gains(corridor, lacks_little, np.array([[0.0] * 4 + [1.0 - HALF]]), rays, eye)
+    assert found.sum() == pytest.approx(1.0 - HALF, rel=1e-6)
 
 
 @given(st.integers(0, 10_000))

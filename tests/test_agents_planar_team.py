@@ -1,5 +1,6 @@
 """Our own way to choose looks: what it learns of walls, looks taken together, and team-mates."""
 
+import itertools
 import math
 
 import numpy as np
@@ -21,8 +22,8 @@ from planar_helpers import (
 from agents import planar
 from agents.geometry import Pose
 from agents.planar.hazard import PRIOR_CELLS, PRIOR_LOOKS, PRIOR_PERCENT, PRIOR_RATE, Hazard
-from agents.planar.sensing import MAPPED
-from agents.planar.sites import LOOK_WORTH_M, MOST_LOOKS, rates, survey
+from agents.planar.looksets import COARSE, look_sets
+from agents.planar.sites import LOOK_WORTH_M, Sites, rates, survey
 from agents.planar.view import PlanarLook
 
 OURS = "team-information"
@@ -91,34 +92,54 @@ def test_a_cell_is_counted_when_it_is_first_measured_and_never_again() -> None:
 # --- looks of one place, chosen together ------------------------------------------------------
 
 
-def test_looks_at_a_place_cover_the_ring_and_count_no_cell_twice() -> None:
-    log_odds = np.zeros((40, 40))
-    log_odds[19:22, 19:22] = -SURE
-    scene = scene_of(view_of(log_odds, (20, 20)))
-    sites = survey(scene, scene.lacking, np.array([[20, 20]]), 1.0)
-    gain = sites.gain[0]
-    assert gain[0] > 20
-    assert (np.diff(gain) <= 1e-9).all(), "each next look adds less"
-    assert gain.sum() == pytest.approx(sites.by_bearing.sum()), "together they see all around"
+def best_by_trying(ring: list[float], width: int, looks: int) -> float:
+    """Return the most that some windows show of a ring: slow code, every choice tried."""
+    count = len(ring)
+    choices = itertools.combinations_with_replacement(range(count), looks)
+    return max(
+        sum(ring[k] for k in {(first + n) % count for first in firsts for n in range(width)})
+        for firsts in choices
+    )
+
+
+@given(st.lists(st.integers(0, 9), min_size=8, max_size=8), st.integers(1, 4), st.integers(1, 3))
+@settings(max_examples=40, deadline=None)
+def test_no_set_of_looks_shows_more_than_the_one_chosen(
+    ring: list[int], width: int, looks: int
+) -> None:
+    by_bearing = np.repeat(np.array(ring, dtype=np.float64) / COARSE, COARSE)[None]
+    gain, first = look_sets(by_bearing, width * COARSE, 3)
+    assert gain[0, looks - 1].sum() == pytest.approx(best_by_trying(list(ring), width, looks))
+    assert (np.diff(gain[0], axis=1) <= 0).all()
+    assert (first % COARSE == 0).all()
+
+
+def test_looks_share_a_stretch_rather_than_leave_its_ends() -> None:
+    by_bearing = np.zeros((1, 360))
+    by_bearing[0, 90:270] = 1.0
+    by_bearing[0, 150:210] = 2.0  # the single best look lies in the middle
+    gain, first = look_sets(by_bearing, 90, 4)
+    assert gain[0, 0, 0] == pytest.approx(150.0)
+    assert gain[0, 1, :2] == pytest.approx([120.0, 120.0])
+    assert sorted(first[0, 1, :2]) == [90, 180]
+    assert gain[0, 3, 2:] == pytest.approx([0.0, 0.0]), "two show all"
 
 
 def test_looks_that_show_too_little_count_as_nothing() -> None:
     scene = scene_of(view_of(half_known(), (20, 17)))
-    sites = survey(scene, scene.lacking, np.array([[20, 17]]), 20.0)
+    sites = survey(scene, scene.worth, np.array([[20, 17]]), 20.0)
     assert ((sites.gain == 0) | (sites.gain >= 20)).all()
-    none = survey(scene, scene.lacking, np.array([[20, 17]]), 1e9)
+    none = survey(scene, scene.worth, np.array([[20, 17]]), 1e9)
     assert not none.gain.any()
 
 
 def test_a_stop_is_worth_what_all_its_looks_yield_per_effort_by_hand() -> None:
-    scene = scene_of(view_of(half_known(), (20, 17)))
-    sites = survey(scene, scene.lacking, np.array([[20, 17], [20, 18]]), 1.0)
-    gain = np.zeros((2, MOST_LOOKS))
-    gain[0, :2] = [30.0, 10.0]
-    gain[1, :2] = [30.0, 28.0]
-    told = type(sites)(sites.cells, sites.by_bearing, gain, sites.first)
-    rate, looks = rates(told, np.array([0.0, 4.0 * LOOK_WORTH_M]))
-    assert looks.tolist() == [1, 2], "here one look, and there, after a drive, both"
+    gain = np.zeros((2, 2, 2))
+    gain[0] = [[30.0, 0.0], [30.0, 10.0]]
+    gain[1] = [[30.0, 0.0], [30.0, 28.0]]
+    told = Sites(np.array([[20, 17], [20, 18]]), gain, np.zeros((2, 2, 2), dtype=np.int64))
+    rate, sets = rates(told, np.array([0.0, 4.0 * LOOK_WORTH_M]))
+    assert sets.tolist() == [0, 1], "here one look, and there, after a drive, both"
     assert rate.tolist() == pytest.approx([30.0, 58.0 / 6.0])
 
 
@@ -129,8 +150,8 @@ def test_what_a_place_promises_is_never_more_than_what_lacks(seed: int) -> None:
     log_odds = rng.choice([-SURE, -1.0, 0.0, SURE], size=(20, 20), p=[0.5, 0.1, 0.3, 0.1])
     log_odds[9:12, 9:12] = -SURE
     scene = scene_of(view_of(log_odds, (10, 10)))
-    sites = survey(scene, scene.lacking, np.array([[10, 10]]), 0.0)
-    assert sites.gain.sum() <= scene.lacking.sum() / MAPPED + 1e-6
+    sites = survey(scene, scene.worth, np.array([[10, 10]]), 0.0)
+    assert sites.total.max() <= scene.worth.sum() + 1e-6
 
 
 # --- team-mates ---------------------------------------------------------------------------------
