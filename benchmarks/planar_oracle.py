@@ -1,47 +1,201 @@
-"""A planner that already knows the map: offline greedy maximum coverage, with free travel."""
+"""How many looks a planner needs that already knows the map, beside those that do not.
 
+The oracle is offline maximum coverage with free travel: every noise-free look from a lattice of
+positions at a cycle of headings is known beforehand, and each time that one is taken which maps
+the most cells not yet mapped. A cell that a look leaves half sure gives it no weight. Neither ways
+nor time cost it anything; as a yardstick for distances, the length of a tour through all its
+places (nearest next, then 2-opt) is told too. The others explore as in `ropeteam experiment`.
+
+Run:  python benchmarks/planar_oracle.py --seeds 3
+      python benchmarks/planar_oracle.py --map building.yaml --fov-deg 75 --range-m 10
+"""
+
+import argparse
 import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
-from agents.geometry import Bools, Pose
-from agents.planar.casting import first_ray, gains, star_of, windows
+from agents import paths
+from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
 from agents.planar.sensing import LIMIT, MAPPED, look_log_odds
 from agents.settings import SensorSettings
-from sim.planar_world import HEADINGS, PlanarWorld, lattice, look
+from comms.kernels import kernel
+from scenarios.errors import StudyError
+from scenarios.experiments.planar_runs import DRIVE, GOAL, Trial, measure, sensor_of, world_of
+from sim.planar_world import HEADINGS, LATTICE_M, PlanarWorld, lattice, look, standable
+
+METHODS = ("information", "information-voxel", "team-information")
 
 
-def oracle_looks(
-    world: PlanarWorld,
-    observable: Bools,
-    sensor: SensorSettings,
-    footprint_m: float,
-    goal: float,
-    *,
-    step_m: float = 2.0,
-    headings: int = HEADINGS,
-) -> int:
-    """Return how many noise-free looks map `goal` of the observable cells, the best one each time.
+@dataclass(frozen=True)
+class Looks:
+    """All looks that the oracle may take."""
 
-    The looks are those by which observability is defined (2 m lattice, 12 headings) unless
-    `step_m` and `headings` say otherwise; each adds what the same sensor model says.
+    eyes: Ints
+    """(E, 2) cells; look n is taken from eye n // headings."""
+    first: Ints
+    """(L + 1,) where in the lists each look's cells begin."""
+    cells: Ints
+    """(M,) flat indices."""
+    added: Floats
+    """(M,) log-odds that the look adds there."""
+
+
+def all_looks(
+    world: PlanarWorld, sensor: SensorSettings, eyes: Ints, headings: int = HEADINGS
+) -> Looks:
+    """Return what noise-free looks from cells (E, 2) add to a map, at headings all around."""
+    reach = math.ceil(sensor.range_m / world.frame.cell_m) + 1
+    cells: list[Ints] = []
+    added: list[Floats] = []
+    for row, col in eyes:
+        top, left = max(0, int(row) - reach), max(0, int(col) - reach)
+        part = _cut(world, top, left, int(row) + reach + 1, int(col) + reach + 1)
+        x_m, y_m = world.frame.centre_of(int(row), int(col))
+        for k in range(headings):
+            pose = Pose(x_m, y_m, 0.0, 2.0 * math.pi * k / headings)
+            ranges_m, _ = look(part, pose, sensor, None)
+            told = look_log_odds(part.frame, pose, ranges_m, sensor)
+            i, j = np.nonzero(told)
+            cells.append((i + top) * world.frame.cols + j + left)
+            added.append(told[i, j])
+    first = np.concatenate(([0], np.cumsum([len(part) for part in cells])))
+    return Looks(eyes, first, np.concatenate(cells), np.concatenate(added))
+
+
+def _cut(world: PlanarWorld, top: int, left: int, below: int, right: int) -> PlanarWorld:
+    """Return a part of a world, for speed: rays leave it no nearer than their reach."""
+    solid = world.solid[top:below, left:right]
+    frame = world.frame
+    x_m, y_m = frame.x_m + left * frame.cell_m, frame.y_m + top * frame.cell_m
+    return PlanarWorld(GridFrame(x_m, y_m, frame.cell_m, *solid.shape), solid, (0, 0))
+
+
+@kernel
+def _newly_mapped(
+    first: np.ndarray, cells: np.ndarray, added: np.ndarray, log_odds: np.ndarray,
+    wanted: np.ndarray, limit: float, out: np.ndarray,
+) -> None:  # fmt: skip
+    for n in range(len(out)):
+        count = 0
+        for m in range(first[n], first[n + 1]):
+            at = cells[m]
+            if wanted[at] and abs(log_odds[at]) <= limit < abs(log_odds[at] + added[m]):
+                count += 1
+        out[n] = count
+
+
+def oracle(
+    world: PlanarWorld, observable: Bools, looks: Looks, goal: float
+) -> tuple[list[int], float]:
+    """Return the looks taken, in order, and the share of the observable cells mapped by them.
+
+    It ends at the goal, or when no look maps one more cell.
     """
-    rays = star_of(sensor, world.frame.cell_m)
-    through = np.where(world.solid, 0.0, 1.0)
-    eyes = lattice(world, footprint_m, step_m)
-    yaws = 2.0 * math.pi * np.arange(headings) / headings
-    firsts = np.array([first_ray(float(yaw), rays.width) for yaw in yaws])
-    log_odds = np.zeros(world.frame.shape)
-    wanted = goal * float(observable.sum())
-    count = 0
-    while float((observable & (np.abs(log_odds) > MAPPED)).sum()) < wanted:
-        short = np.where(observable, np.maximum(MAPPED + 1e-9 - np.abs(log_odds), 0.0), 0.0)
-        worth = windows(gains(through, short, rays, eyes), rays.width)[:, firsts]
-        place, heading = np.unravel_index(int(np.argmax(worth)), worth.shape)
-        x, y = world.frame.centre_of(int(eyes[place, 0]), int(eyes[place, 1]))
-        pose = Pose(x, y, 0.0, float(yaws[heading]))
-        ranges_m, _ = look(world, pose, sensor, None)
-        added = look_log_odds(world.frame, pose, ranges_m, sensor)
-        log_odds = np.clip(log_odds + added, -LIMIT, LIMIT)
-        count += 1
-    return count
+    log_odds = np.zeros(world.solid.size)
+    wanted = observable.ravel()
+    taken: list[int] = []
+    gain = np.zeros(len(looks.first) - 1, dtype=np.int64)
+    mapped = 0
+    while mapped < goal * wanted.sum():
+        _newly_mapped(looks.first, looks.cells, looks.added, log_odds, wanted, MAPPED, gain)
+        best = int(gain.argmax())
+        if gain[best] == 0:
+            break
+        taken.append(best)
+        part = slice(int(looks.first[best]), int(looks.first[best + 1]))
+        at = looks.cells[part]
+        log_odds[at] = np.clip(log_odds[at] + looks.added[part], -LIMIT, LIMIT)
+        mapped = int((wanted & (np.abs(log_odds) > MAPPED)).sum())
+    return taken, mapped / float(wanted.sum())
+
+
+def tour_m(world: PlanarWorld, stops: Ints, footprint_m: float) -> float:
+    """Return how long a way is from the world's start through all stops (N, 2), in any order."""
+    frame = world.frame
+    cost = np.where(standable(world.solid, frame.cell_m, footprint_m), 1.0, np.inf)
+    places = np.unique(np.concatenate((np.array([world.start]), stops)), axis=0)
+    places = np.concatenate((np.array([world.start]), places[(places != world.start).any(axis=1)]))
+    fields = [paths.travel_field(cost, place[None], frame.cell_m)[0] for place in places]
+    apart = np.array([field[places[:, 0], places[:, 1]] for field in fields])
+    order = [0]
+    while len(order) < len(places):
+        left = [n for n in range(len(places)) if n not in order]
+        order.append(min(left, key=lambda n: float(apart[order[-1], n])))
+    return _two_opt(apart, order)
+
+
+def _two_opt(apart: Floats, order: list[int]) -> float:
+    """Return the length of an open tour after turning stretches round as long as that helps."""
+    way = np.array(order)
+    better = True
+    while better:
+        better = False
+        for i in range(1, len(way) - 1):
+            for j in range(i + 1, len(way)):
+                after = apart[way[j], way[j + 1]] if j + 1 < len(way) else 0.0
+                turned = apart[way[i], way[j + 1]] if j + 1 < len(way) else 0.0
+                saved = apart[way[i - 1], way[i]] + after - apart[way[i - 1], way[j]] - turned
+                if saved > 1e-9:
+                    way[i : j + 1] = way[i : j + 1][::-1]
+                    better = True
+    return float(sum(apart[a, b] for a, b in pairwise(way)))
+
+
+def compare(args: argparse.Namespace, path: str, seed: int) -> list[list[str]]:
+    """Return the table's lines for one world."""
+    sensor = sensor_of(args.fov_deg, args.range_m)
+    world, seen = world_of(path, 0 if path else seed, args.fov_deg, args.range_m)
+    name = Path(path).stem if path else f"made-up {seed}"
+    looks = all_looks(world, sensor, lattice(world, DRIVE.footprint_m, args.lattice_m))
+    taken, share = oracle(world, seen, looks, GOAL)
+    stops = looks.eyes[np.array(taken) // HEADINGS]
+    tour = tour_m(world, stops, DRIVE.footprint_m)
+    whole = str(len(taken)) if share >= GOAL else f"{len(taken)} to {share:.0%} only"
+    lines = [[name, "oracle", whole, "1.00", f"{tour:.0f} (a tour)"]]
+    for method in args.method or METHODS:
+        trial = Trial(path, seed, method, 1, args.fov_deg, args.range_m, args.looks, GOAL)
+        run = measure(trial)[0]
+        count, driven_m = float(run["looks_to_goal"]), float(run["driven_to_goal_m"])
+        told = [f"{count:.0f}", f"{count / len(taken):.2f}", f"{driven_m:.0f}"]
+        lines.append([name, method, *(told if math.isfinite(count) else ["never", "", ""])])
+    return lines
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    told = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    told.add_argument("--seeds", type=int, default=2, help="made-up worlds, or runs per map")
+    told.add_argument("--map", action="append", default=[], help="a map_server yaml file instead")
+    told.add_argument("--method", action="append", help=f"besides the oracle ({METHODS})")
+    told.add_argument("--fov-deg", type=float, default=90.0)
+    told.add_argument("--range-m", type=float, default=15.0)
+    told.add_argument("--lattice-m", type=float, default=LATTICE_M, help="of the oracle's places")
+    told.add_argument("--looks", type=int, default=400, help="that a method may take")
+    return told
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print a table in Markdown."""
+    args = parser().parse_args(argv)
+    print("| world | planner | looks to 90 % | of the oracle's | driven, m |")
+    print("|---|---|---:|---:|---:|")
+    for path in args.map or [""]:
+        for seed in range(1, args.seeds + 1):
+            try:
+                lines = compare(args, path, seed)
+            except StudyError as error:
+                print(error, file=sys.stderr)
+                return 2
+            for line in lines:
+                print("| " + " | ".join(line) + " |", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

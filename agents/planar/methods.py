@@ -25,7 +25,6 @@ from agents.geometry import Bools, Floats, Ints, Pose
 from agents.information import Interest, binary_entropy, plogp, stretched
 from agents.planar.casting import Star, first_ray, gains, tallies, visibility, windows
 from agents.planar.scene import Means, Scene
-from agents.planar.sensing import MAPPED
 from agents.planar.view import PlanarLook, PlanarView
 from agents.rating import rate
 
@@ -90,8 +89,8 @@ def look_at(scene: Scene, cell: tuple[int, int], yaw_rad: float, gain: float) ->
 
 def expected_cells(scene: Scene, eyes: Ints) -> Floats:
     """Return how many cells' worth of log-odds (E, B) looks from these cells add, by first ray."""
-    by_bearing = gains(scene.through, scene.lacking, scene.rays, eyes)
-    return windows(by_bearing, scene.rays.width) / MAPPED
+    by_bearing = gains(scene.through, scene.lacking, scene.worth, scene.rays, eyes)
+    return windows(by_bearing, scene.rays.width)
 
 
 class _Paper:

@@ -8,7 +8,7 @@ import numpy as np
 from agents import paths
 from agents.geometry import Bools, Floats, Ints
 from agents.markov import complete, distance_to_known_m
-from agents.planar.casting import Star, star_of
+from agents.planar.casting import HALF, Star, star_of
 from agents.planar.sensing import MAPPED
 from agents.planar.view import PlanarView
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
@@ -151,6 +151,11 @@ class Scene:
 
     @cached_property
     def lacking(self) -> Floats:
-        """(rows, cols) log-odds by which cells fall short of being mapped, as shares; weighed."""
-        short = np.maximum(MAPPED + 1e-9 - np.abs(self.view.log_odds), 0.0)
-        return np.where(self.view.mapped, 0.0, short) * self.interest
+        """(rows, cols) log-odds by which cells fall short of being mapped."""
+        return np.maximum(MAPPED + 1e-9 - np.abs(self.view.log_odds), 0.0)
+
+    @cached_property
+    def worth(self) -> Floats:
+        """(rows, cols) what it counts to map a cell, weighed by interest."""
+        left = np.where(self.measured, 1.0 - HALF, 1.0)
+        return np.where(self.view.mapped, 0.0, left) * self.interest

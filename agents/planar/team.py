@@ -4,9 +4,9 @@ It differs from the paper's fifth method in five ways:
 
 - rays into the unknown end where the robot has learned that they do (`hazard`), so that the walls
   that go on and the shadows behind them are told from open floor;
-- worth is the certainty that cells lack, so a far cell half seen is worth its other half;
+- a far cell that a look leaves half sure counts in part, and the rest when it is made sure;
 - looks are chosen together: all that are worth taking at a place, and the next place with it, by
-  what they yield per effort (`sites`);
+  what they yield per effort (`sites`); what shows little waits while much is to be had elsewhere;
 - the best places are refined, down to single cells and degrees;
 - cells that team-mates said they will look at, or stand nearer to, count less. Nobody leads: a
   team-mate that falls silent drops out of the view, and with it what it claimed.
@@ -24,6 +24,8 @@ from agents.planar.view import PlanarLook, PlanarView
 
 RELATED = 0.6
 """Cells along a ray stand or fall together: this power of their chances fits what was measured."""
+SMALL = 0.3
+"""While a look is to be had somewhere, those that show less than this share of it wait."""
 HEADS = 3
 """Routes that are compared."""
 APART_CELLS = 8.0
@@ -51,10 +53,11 @@ class TeamInformation:
         solid_p = self._hazard.take(view)
         scene = Scene(view, self._means, interest, pass_p=(1.0 - solid_p) ** RELATED)
         least = max(self._means.planner.min_gain_cells, 1e-9)
-        sites = survey(scene, scene.lacking, scene.candidates(rng), least)
+        sites = survey(scene, scene.worth, scene.candidates(rng), least)
         if not sites.gain.any():
             return None
-        cell, first, gain = _refined(scene, _best(scene, sites, least), least)
+        least = max(least, SMALL * float(sites.gain.max()))
+        cell, first, gain = _refined(scene, _best(scene, sites.of(least), least), least)
         self._memory.expect(scene, cell, first)
         yaw_rad = float(yaw_of(np.array(first), scene.rays.width))
         return look_at(scene, cell, yaw_rad, gain)
@@ -80,7 +83,7 @@ def _ways_m(scene: Scene, cells: Ints) -> Floats:
 
 def _best(scene: Scene, sites: Sites, least: float) -> Ints:
     """Return the first place (2,) of the best of some routes."""
-    rate, looks = rates(sites, _ways_m(scene, sites.cells))
+    rate, sets = rates(sites, _ways_m(scene, sites.cells))
     heads: list[int] = []
     for at in np.argsort(-rate, kind="stable"):
         away = [float(np.hypot(*(sites.cells[at] - sites.cells[head]))) for head in heads]
@@ -88,7 +91,7 @@ def _best(scene: Scene, sites: Sites, least: float) -> Ints:
             heads.append(int(at))
         if len(heads) == HEADS:
             break
-    worth = [ahead(scene, sites, head, int(looks[head]), least) for head in heads]
+    worth = [ahead(scene, sites, head, int(sets[head]), least) for head in heads]
     return sites.cells[heads[int(np.argmax(worth))]]
 
 
@@ -102,8 +105,9 @@ def _refined(scene: Scene, place: Ints, least: float) -> tuple[tuple[int, int], 
         inside = ((around >= 0) & (around < np.array(scene.view.frame.shape))).all(axis=1)
         around = around[inside]
         around = around[np.isfinite(_ways_m(scene, around))]
-        sites = survey(scene, scene.lacking, around, least)
-        best = int(rates(sites, _ways_m(scene, around))[0].argmax())
-        place, first = around[best], int(sites.first[best, 0])
-        gain = float(sites.gain[best, 0])
+        sites = survey(scene, scene.worth, around, least)
+        rate, sets = rates(sites, _ways_m(scene, around))
+        best = int(rate.argmax())
+        place, first = around[best], int(sites.first[best, sets[best], 0])
+        gain = float(sites.gain[best, sets[best], 0])
     return (int(place[0]), int(place[1])), first, gain
