@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from agents.geometry import Floats, GridFrame, Pose
+from agents.landmarks import Landmark
 from agents.messages import (
     Status,
     TetherCommand,
@@ -20,7 +21,16 @@ from agents.settings import (
 )
 from comms.frames import Kind
 
-ACTIVITIES = ("starting", "exploring", "waiting", "descending", "holding", "watching", "done")
+ACTIVITIES = (
+    "starting",
+    "exploring",
+    "waiting",
+    "descending",
+    "holding",
+    "watching",
+    "done",
+    "searching",
+)
 """What a robot may be doing, as its status says by number."""
 
 
@@ -47,6 +57,10 @@ class AgentSettings:
     planner: PlannerSettings
     sharing: SharingSettings
     tether: TetherSettings
+    landmarks: tuple[Landmark, ...] = ()
+    """Things whose place in the team frame everybody knows, and by which one can know one's own."""
+    start_known: bool = True
+    """Whether it knows where it starts; if not, `start` is a place of its own making."""
 
 
 class RobotLog(Protocol):

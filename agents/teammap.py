@@ -194,13 +194,15 @@ class TeamMap(Generic[S, E]):
         for key in sorted(self._drawn):
             origin = Origin(key.robot, key.incarnation)
             anchor = self.store.anchors.get(key)
-            if origin == self.me or anchor is None:
+            if origin == self.me or anchor is None or not anchor.is_located:
                 continue  # without an anchor nobody knows where the submap lies
             mark = (self._revisions[key], anchor.version)
             sheet = _Sheet(mark, partial(self._drawing, key), anchor)
             origins.setdefault(origin, []).append(sheet)
         draw = self._own_as_sent if own_as_sent else self._own_drawing
         for index, submap in enumerate(self.own.submaps):
+            if not submap.anchor.is_located:
+                continue
             mark = (submap.revision, submap.anchor.version)
             sheet = _Sheet(mark, partial(draw, index), submap.anchor)
             origins.setdefault(self.me, []).append(sheet)
