@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from agents.geometry import Floats, GridFrame, Pose
+from agents.landmarks import Landmark
 from agents.messages import (
     Status,
     TetherCommand,
@@ -20,7 +21,16 @@ from agents.settings import (
 )
 from comms.frames import Kind
 
-ACTIVITIES = ("starting", "exploring", "waiting", "descending", "holding", "watching", "done")
+ACTIVITIES = (
+    "starting",
+    "exploring",
+    "waiting",
+    "descending",
+    "holding",
+    "watching",
+    "done",
+    "searching",
+)
 """What a robot may be doing, as its status says by number."""
 
 
@@ -50,6 +60,10 @@ class AgentSettings:
     whole: GridFrame | None = None
     """The team's grid, where `frame` is only a region of it that this robot keeps; the corner of
     the region is a tile's. None: it keeps all."""
+    landmarks: tuple[Landmark, ...] = ()
+    """Things whose place in the team frame everybody knows, and by which one can know one's own."""
+    start_known: bool = True
+    """Whether it knows where it starts; if not, `start` is a place of its own making."""
 
 
 class RobotLog(Protocol):

@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.geometry import Singles
 from agents.information import Interest
+from agents.localising import is_located
 from agents.mapper import Expected, NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.maps.elevationlook import bin_look
@@ -56,19 +57,28 @@ class ElevationMapper:
         robot = self.robot
         index, submap = robot.current_submap()
         known_before = robot.team.fused().known
+        drawn_at, beyond = robot.placing()
         cells = await asyncio.to_thread(
             bin_look,
             exposure,
-            robot.pose,
+            drawn_at,
             self.settings.frame,
             attitude_sigma_rad=math.radians(self.settings.sensor.attitude_sigma_deg),
-            extra_variance=robot.own.beyond_anchor(robot.filter.covariance),
+            extra_variance=beyond,
         )
         submap.observe(cells)
-        measured = np.zeros(self.settings.frame.shape, dtype=bool)
-        measured[cells.rows, cells.cols] = True
+        drawn = np.zeros(self.settings.frame.shape, dtype=bool)
+        drawn[cells.rows, cells.cols] = True
+        measured = self.settings.frame.mask_of(robot.pose.team_from_robot(exposure.points_m))
         self.interest.update(expected.chances, measured)
-        robot.looked(index, exposure, expected.cells, measured, measured & ~known_before)
+        robot.looked(
+            index,
+            exposure,
+            expected.cells,
+            drawn=drawn,
+            measured=measured,
+            new=measured & ~known_before,
+        )
 
     def view(self) -> View:
         """Return what the planner sees: the team map and where everybody is."""
@@ -82,7 +92,10 @@ class ElevationMapper:
             interest=self.interest.share,
             pose=robot.pose,
             pose_sigma_m=robot.filter.sigma_m,
-            others=[mate.status.pose for _, mate in sorted(robot.mates.items())],
+            others=[
+                *(mate.status.pose for _, mate in sorted(robot.mates.items()) if is_located(mate)),
+                *(landmark.pose for landmark in self.settings.landmarks),
+            ],
             sensor=self.settings.sensor,
             drive=self.settings.drive,
             planner=self.settings.planner,

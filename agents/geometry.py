@@ -90,6 +90,14 @@ class GridFrame:
         rows = np.floor((xy_m[:, 1] - self.y_m) / self.cell_m)
         return np.column_stack((rows, cols)).astype(np.int64)
 
+    def mask_of(self, xy_m: Floats) -> Bools:
+        """Return the cells (rows, cols) in which any of points (N, 2 or 3) lies."""
+        cells = self.cells_of(xy_m)
+        inside = ((cells >= 0) & (cells < self.shape)).all(axis=1)
+        mask = np.zeros(self.shape, dtype=np.bool_)
+        mask[cells[inside, 0], cells[inside, 1]] = True
+        return mask
+
     def centre_of(self, row: int, col: int) -> tuple[float, float]:
         """Return the (x, y) of a cell's centre."""
         return (self.x_m + (col + 0.5) * self.cell_m, self.y_m + (row + 0.5) * self.cell_m)

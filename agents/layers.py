@@ -18,6 +18,8 @@ YAW_STEP_RAD = 1e-4
 VARIANCE_STEPS = 4.0
 """Variances travel as steps of a quarter of an octave, rounded up."""
 LEAST_VARIANCE = 1e-8
+UNLOCATED_M2 = 1e8
+"""A variance from which on nobody knows where a thing is."""
 
 
 def rounded_pose(pose: Pose) -> Pose:
@@ -70,6 +72,11 @@ class Anchor:
     def is_moved(self) -> bool:
         """Say whether the submap lies elsewhere than it was drawn."""
         return self.pose != self.corrected
+
+    @property
+    def is_located(self) -> bool:
+        """Say whether anybody knows where the submap lies."""
+        return max(self.variance[:2]) < UNLOCATED_M2
 
     @staticmethod
     def at(pose: Pose, variance: tuple[float, float, float, float]) -> "Anchor":
@@ -139,27 +146,19 @@ class OwnLayer(Generic[S]):
 
     def begin_submap(self, pose: Pose, covariance: Floats) -> S:
         """Begin a submap at a believed pose; covariance is (4, 4) of (x, y, z, yaw)."""
-        x, y, z, yaw = (float(v) for v in np.diag(covariance))
-        submap = self._make(self.frame, Anchor.at(pose, (x, y, z, yaw)))
+        submap = self._make(self.frame, Anchor.at(pose, variances(covariance)))
         self.submaps.append(submap)
         return submap
-
-    def needs_submap(self, covariance: Floats, *, shift_m: float, turn_rad: float) -> bool:
-        """Say whether the pose has grown so unsure against the anchor that a new one is due."""
-        if not self.submaps:
-            return True
-        grown = np.diag(covariance) - np.array(self.submaps[-1].anchor.variance)
-        return bool(max(grown[0], grown[1], grown[2]) > shift_m**2 or grown[3] > turn_rad**2)
-
-    def beyond_anchor(self, covariance: Floats) -> tuple[float, float, float, float]:
-        """Return the pose's variance (x, y, z, yaw) beyond that of the current anchor."""
-        anchor = self.submaps[-1].anchor.variance
-        grown = [max(0.0, float(v) - a) for v, a in zip(np.diag(covariance), anchor, strict=True)]
-        return (grown[0], grown[1], grown[2], grown[3])
 
     def known_cells(self) -> int:
         """Count the known (submap, cell) entries."""
         return sum(int(np.count_nonzero(s.known)) for s in self.submaps)
+
+
+def variances(covariance: Floats) -> tuple[float, float, float, float]:
+    """Return the variances of a covariance (4, 4) of (x, y, z, yaw)."""
+    x, y, z, yaw = (float(v) for v in np.diag(covariance))
+    return (x, y, z, yaw)
 
 
 def drawn_at(submap_from: Anchor, xy_m: Floats) -> Floats:

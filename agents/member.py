@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from agents.anchoring import UNLOCATED, Tolerance, corrected, submap_name
 from agents.briefing import ACTIVITIES, AgentSettings, Inbox, Mate, RadioPort, RobotLog
 from agents.disk import Disk, DiskError, Recovered
 from agents.errors import AgentError
-from agents.fusion import PoseFilter
-from agents.geometry import Bools, Pose, wrap_angle
-from agents.layers import OwnLayer
+from agents.geometry import Bools, Floats, Pose, wrap_angle
+from agents.layers import UNLOCATED_M2, OwnLayer, variances
+from agents.localising import GATE, origin_of
 from agents.messages import (
     Fix,
     Status,
@@ -28,6 +29,7 @@ from agents.messages import (
     unpack_tethers,
 )
 from agents.ports import Hardware
+from agents.posefilter import PoseFilter
 from agents.scene import WISHED
 from agents.sharing import Desk, Free, Heard, Mark, way
 from agents.sharing.reports import unpack_report
@@ -37,8 +39,6 @@ from comms.errors import CommsError
 from comms.frames import Frame, Kind
 from comms.radio import Outgoing
 
-GATE = 25.0
-"""Innovations beyond this (chi-squared, 4 degrees of freedom: 5e-5) are not believed."""
 KEEP_ALIVE_S = 60.0
 """A robot of which nothing changes says so this often."""
 SILENT_S = 240.0
@@ -77,6 +77,11 @@ class Member:
         )
         self.sharing.weight = self.tile_weight
         self.filter = PoseFilter(settings.start, settings.start_covariance)
+        self.located = settings.start_known
+        """Whether its poses are in the team frame; if not, they are in one of its own."""
+        self.origin: int | None = None
+        """Whose pose the team's frame hangs on, as far as this robot can hear."""
+        self._tolerance = Tolerance.of(settings)
         self.mates: dict[int, Mate] = {}
         self.inbox = Inbox()
         self.activity = "starting"
@@ -110,6 +115,45 @@ class Member:
     def pose(self) -> Pose:
         """Where it believes to stand."""
         return self.filter.pose
+
+    @property
+    def said_variance(self) -> tuple[float, float, float, float]:
+        """How sure its pose is in the team frame, (x, y, z, yaw), as it tells others."""
+        return variances(self.filter.covariance) if self.located else UNLOCATED
+
+    def begin_submap(self) -> int:
+        """Begin a submap of its own where it stands; return its index."""
+        index = len(self.own.submaps)
+        self.own.begin_submap(self.pose, np.diag(self.said_variance))
+        self.filter.remember(submap_name(index))
+        return index
+
+    def correct_anchors(self) -> None:
+        """Move the submaps that the robot knows better where they lie; the anchors are told."""
+        if not self.located:
+            return
+        found = corrected(self.own, self.filter, self._tolerance)
+        most_m = 0.0
+        for index, anchor in found.items():
+            submap = self.own.submaps[index]
+            most_m = max(most_m, submap.anchor.corrected.distance_m(anchor.corrected))
+            submap.anchor = anchor
+            key = AnchorKey(*self.me, index)
+            if key in self.store.anchors:
+                self.store.offer_anchor(key, anchor)
+        if found:
+            self.team.own_changed()
+            self.map_changed_s = self._time_or_zero()
+            self.log.event("corrected", f"{len(found)} submaps by up to {most_m:.3f} m")
+            self.kick()
+
+    def settle(self, pose: Pose, covariance: Floats, by: str) -> None:
+        """Learn for the first time where it is in the team frame, and all that it mapped so far."""
+        self.filter.settle(pose, covariance)
+        self.located = True
+        self.log.event("located", by)
+        self.correct_anchors()
+        self.tell_status()
 
     def set_activity(self, activity: str) -> None:
         """Say what it is doing; team-mates hear of it."""
@@ -148,7 +192,9 @@ class Member:
         if recovered.pose is not None and recovered.covariance is not None:
             # It may have driven on for a leg after the pose was last written down.
             lost = np.diag([LEG_M**2 / 4, LEG_M**2 / 4, 0.01, 0.03])
-            self.filter = PoseFilter(recovered.pose, recovered.covariance + lost)
+            self.located = bool(recovered.covariance[0, 0] < UNLOCATED_M2)
+            before = recovered.covariance if self.located else np.zeros((4, 4))
+            self.filter = PoseFilter(recovered.pose, before + lost)
         # On disk before any of it can be published: a life that ends before its first look must
         # not leave these cells behind as the former one's, to be taken up and counted once more.
         self._owes_layer = True
@@ -209,7 +255,8 @@ class Member:
             for key, anchor in self.store.anchors.items()
             if key.robot == me.robot and key.incarnation != me.incarnation
         }
-        return self.disk.layer_content(self.own, self.pose, self.filter.covariance, former)
+        covariance = np.diag(self.said_variance) if not self.located else self.filter.covariance
+        return self.disk.layer_content(self.own, self.pose, covariance, former)
 
     def tiles_changed(self, submap: int, cells: Bools) -> None:
         """Note that cells (rows, cols) of an own submap were measured."""
@@ -291,11 +338,10 @@ class Member:
         return None if chosen is None else Outgoing(*chosen)
 
     def _status(self) -> Status:
-        x, y, z, yaw = (float(v) for v in np.diag(self.filter.covariance))
         winch = self.hardware.winch
         return Status(
             self.pose,
-            (x, y, z, yaw),
+            self.said_variance,
             ACTIVITIES.index(self.activity),
             self.claim,
             winch.length_m if winch is not None else 0.0,
@@ -340,11 +386,12 @@ class Member:
                     allowed = f"0 to {len(ACTIVITIES) - 1} are known"
                     raise AgentError(f"activity {status.activity}; {allowed}")
                 self.mates[frame.sender] = Mate(status, now_s)
+                self.look_for_origin(now_s)
                 self.sharing.heard_mark(heard, Mark(status.store_mark, status.settled))
             case Kind.FIX:
                 fix = unpack_fix(frame.payload)
                 if fix.robot == self.settings.index:
-                    self.filter.fix(fix.pose, np.diag(fix.variance), gate=GATE)
+                    self._take_fix(fix, self.settings.roster[frame.sender])
             case Kind.TETHER:
                 self.inbox.tethers.extend(
                     c for c in unpack_tethers(frame.payload) if c.robot == self.settings.index
@@ -352,6 +399,13 @@ class Member:
                 self.inbox.arrived.set()
             case Kind.STOP:
                 self.inbox.arrived.set()
+
+    def _take_fix(self, fix: Fix, sender: str) -> None:
+        covariance = np.diag(fix.variance)
+        if self.located and self.settings.roles[self.settings.index] == "cliffbot":
+            self.filter.fix(fix.pose, covariance, gate=GATE)
+        elif not self.located and max(fix.variance[:2]) < UNLOCATED_M2:
+            self.settle(fix.pose, covariance, f"seen by {sender}")
 
     def _take_map(self, payload: bytes, heard: Heard) -> None:
         taken: list[tuple[Chunk, bool]] = []
@@ -394,9 +448,19 @@ class Member:
 
     # --- life -------------------------------------------------------------------------------
 
+    def look_for_origin(self, now_s: float) -> None:
+        """Find out whose pose the team's frame hangs on now; say so where it is this robot's."""
+        before, me = self.origin, self.settings.index
+        self.origin = origin_of(
+            self.settings, self.mates, heard_since_s=now_s - SILENT_S, located=self.located
+        )
+        if self.origin == me and before not in (me, None):
+            self.log.event("origin", f"in place of {self.settings.roster[before]}")
+
     async def heartbeat(self) -> None:
         """Tell the team now and then where it is; looks whether a digest is due as well."""
         while True:
+            self.look_for_origin(self.now_s)
             told, overdue = self._told, self.now_s >= self._told_s + KEEP_ALIVE_S
             if told is None or overdue or _differs(self._status(), told):
                 self.tell_status()

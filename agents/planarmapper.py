@@ -6,15 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.anchoring import submap_name
 from agents.floormatch import match
 from agents.floorways import way_to
+from agents.fusion import rotate_covariance
 from agents.geometry import Bools, Pose, wrap_angle
+from agents.localising import GATE
 from agents.mapper import Expected, NextLook
 from agents.maps.planar import Occupancy
 from agents.maps.planarlook import look_odds, visible_cells
-from agents.member import GATE
 from agents.planar import PlanarView, method
 from agents.ports import Exposure
+from agents.posefilter import offset_between
 
 if TYPE_CHECKING:
     from agents.robot import Robot
@@ -48,7 +51,8 @@ class PlanarMapper:
     async def localise(self, exposure: Exposure) -> None:
         """Hold the look against the map, and correct the pose by it.
 
-        The map lies no better than its anchors: their covariance is added.
+        What fits the map says where the robot is on it, not where the map is: it is a measurement
+        against the current submap's anchor.
         """
         robot = self.robot
         if not robot.own.submaps:
@@ -67,25 +71,37 @@ class PlanarMapper:
             return
         yaw_rad = wrap_angle(found.pose.yaw_rad - exposure.pan_rad)
         stood = Pose(found.pose.x_m, found.pose.y_m, found.pose.z_m, yaw_rad)
-        anchor = np.diag(robot.own.submaps[-1].anchor.variance)
-        robot.filter.fix(stood, found.covariance + anchor, gate=GATE)
+        name = submap_name(len(robot.own.submaps) - 1)
+        if robot.filter.holds(name):
+            offset, _, turn = offset_between(robot.filter.pose_of(name), stood)
+            covariance = rotate_covariance(found.covariance, turn)
+            robot.filter.fix_against(name, offset, covariance, gate=GATE)
+            robot.correct_anchors()
 
     async def fuse(self, exposure: Exposure, expected: Expected) -> None:
         """Add one look's log-odds to the own layer."""
         robot, frame = self.robot, self.settings.frame
         index, submap = robot.current_submap()
         known_before = self._fused().known
+        drawn_at, beyond = robot.placing()
         cells = look_odds(
             exposure.ranges_m,
-            _panned(robot.pose, exposure.pan_rad),
+            _panned(drawn_at, exposure.pan_rad),
             frame,
             self.settings.sensor,
-            extra_variance=robot.own.beyond_anchor(robot.filter.covariance),
+            extra_variance=beyond,
         )
         submap.observe(cells)
         measured = np.zeros(frame.shape, dtype=bool)
         measured[cells.rows, cells.cols] = True
-        robot.looked(index, exposure, expected.cells, measured, measured & ~known_before)
+        robot.looked(
+            index,
+            exposure,
+            expected.cells,
+            drawn=measured,
+            measured=measured,
+            new=measured & ~known_before,
+        )
 
     def view(self) -> PlanarView:
         """Return what the planner sees: the team map and where everybody is."""

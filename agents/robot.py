@@ -11,16 +11,19 @@ from typing import Any
 
 import numpy as np
 
+from agents.anchoring import needs_submap, placing
 from agents.briefing import AgentSettings, RobotLog
 from agents.disk import Disk
 from agents.elevationmapper import ElevationMapper
 from agents.fusion import compose
 from agents.geometry import Bools, Floats, Pose, wrap_angle
+from agents.localising import is_located, reference, take_in
 from agents.mapper import Mapper, NextLook
-from agents.member import GATE, LEG_M, Member
-from agents.messages import Fix, Status
+from agents.member import LEG_M, Member
+from agents.messages import Fix
 from agents.planarmapper import PlanarMapper
 from agents.ports import Exposure, Hardware, Sighting
+from agents.posefilter import stand_of_seer
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
@@ -70,27 +73,27 @@ class Robot(Member):
         await self.save()
 
     def localise(self, exposure: Exposure) -> None:
-        """Take bearings on team-mates that stand still, and tell moving ones where they are."""
+        """Take bearings on what stands still, and tell those where they are who don't know."""
         for sighting in exposure.sightings:
+            known = reference(self.settings, self.mates, sighting.name, self.origin)
+            if known is not None and self.located:
+                take_in(self.filter, known, sighting)
+            elif known is not None:
+                stand = stand_of_seer(known.pose, known.covariance, sighting)
+                self.settle(*stand, f"saw {sighting.name}")
+        if self.located:
+            self.correct_anchors()
+            for sighting in exposure.sightings:
+                self._help(sighting, exposure.t_s)
+
+    def _help(self, sighting: Sighting, t_s: float) -> None:
+        """Tell a team-mate in sight where it is, if it can't see that itself."""
+        if sighting.name in self.settings.roster:
             index = self.settings.roster.index(sighting.name)
             mate = self.mates.get(index)
-            role = self.settings.roles[index]
-            if role == "anchor" and mate is not None and self._is_surer(mate.status, sighting):
-                self.filter.saw(
-                    mate.status.pose, np.diag(mate.status.variance), sighting, gate=GATE
-                )
-            elif role == "cliffbot":
-                self._tell_fix(index, sighting, exposure.t_s)
-
-    def _is_surer(self, status: Status, sighting: Sighting) -> bool:
-        """Say whether a bearing on a team-mate would tell more than is known already.
-
-        What the team-mate is wrong by, it is wrong by each time: a robot that is as sure as one
-        such look makes it learns nothing from a second one, and must not grow surer by it.
-        """
-        own = np.diag(self.filter.covariance)
-        look = np.diag(sighting.covariance) + np.array(status.variance)
-        return bool(np.any(own > look))
+            is_lost = mate is not None and not is_located(mate)
+            if is_lost or self.settings.roles[index] == "cliffbot":
+                self._tell_fix(index, sighting, t_s)
 
     @property
     def is_lost(self) -> bool:
@@ -101,12 +104,14 @@ class Robot(Member):
         return bool(max(variance[:2]) > cell_m**2 or far_m**2 * variance[3] > cell_m**2)
 
     def bearings(self) -> list[tuple[float, float]]:
-        """Return pan and tilt to the team-mates in range that stand still, the nearest first."""
+        """Return pan and tilt to what one can take a bearing on in range, the nearest first."""
         found: list[tuple[float, float, float]] = []
-        for index, mate in sorted(self.mates.items()):
-            if self.settings.roles[index] != "anchor":
+        names = (*(mark.name for mark in self.settings.landmarks), *self.settings.roster)
+        for name in names:
+            known = reference(self.settings, self.mates, name, self.origin)
+            if known is None:
                 continue
-            distance_m, pan_rad, tilt_rad = self.bearing_to(mate.status.pose)
+            distance_m, pan_rad, tilt_rad = self.bearing_to(known.pose)
             if distance_m < 0.9 * self.settings.sensor.range_m:
                 found.append((distance_m, pan_rad, tilt_rad))
         return [(pan_rad, tilt_rad) for _, pan_rad, tilt_rad in sorted(found)]
@@ -121,17 +126,32 @@ class Robot(Member):
 
     def current_submap(self) -> tuple[int, Any]:
         """Return the submap that a look goes into, and its index: a new one if that is due."""
-        covariance = self.filter.covariance
-        shift_m = self.settings.frame.cell_m
-        if self.own.needs_submap(covariance, shift_m=shift_m, turn_rad=0.02):
-            self.own.begin_submap(self.pose, covariance)
+        if needs_submap(self.own, self.filter, self.settings.frame.cell_m):
+            self.begin_submap()
         return len(self.own.submaps) - 1, self.own.submaps[-1]
 
+    def placing(self) -> tuple[Pose, tuple[float, float, float, float]]:
+        """Return where a look is drawn in the current submap, and its variance against the anchor.
+
+        The variance is of (x, y, z, yaw).
+        """
+        return placing(self.own, len(self.own.submaps) - 1, self.filter)
+
     def looked(
-        self, submap: int, exposure: Exposure, expected_cells: float, measured: Bools, new: Bools
+        self,
+        submap: int,
+        exposure: Exposure,
+        expected_cells: float,
+        *,
+        drawn: Bools,
+        measured: Bools,
+        new: Bools,
     ) -> None:
-        """Note that a look has measured cells (rows, cols) of an own submap, some of them new."""
-        self.tiles_changed(submap, measured)
+        """Note that a look has measured cells (rows, cols), some of them new.
+
+        `drawn` are those of the submap's own drawing.
+        """
+        self.tiles_changed(submap, drawn)
         self.log.look(
             exposure,
             expected_cells=expected_cells,

@@ -30,6 +30,8 @@ PATIENCE_S = 5.0
 """How often a robot that waits looks again."""
 ASK_AGAIN_S = 120.0
 """A robot for which nothing is left to gain asks again so often, if its map has changed."""
+SEARCH_S = 60.0
+"""A lost robot that saw nothing known looks round again after so long."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
 STAND_COST = 10.0
@@ -40,6 +42,7 @@ TRIES = 40
 
 async def explore(robot: Robot) -> None:
     """Map: look, localise, fuse, share, plan, move (Fig. 2), until no look is worth taking."""
+    await search(robot)
     robot.set_activity("exploring")
     for pan_rad, tilt_rad in robot.mapper.first_looks:
         await robot.look(wrap_angle(pan_rad), tilt_rad)
@@ -54,6 +57,23 @@ async def explore(robot: Robot) -> None:
     why = "no other look is worth its way" if robot.looks < most else "it may take no more"
     robot.log.event("explored", f"after {robot.looks} looks {why}")
     await watch(robot)
+
+
+async def search(robot: Robot) -> None:
+    """Look round until a landmark or a team-mate tells a lost robot where it is.
+
+    It stays where it is, for a team-mate that sees it may tell it too.
+    """
+    if robot.located:
+        return
+    robot.set_activity("searching")
+    robot.log.event("lost", "it does not know where it starts; nobody takes in its map")
+    while not robot.located:
+        for pan_rad, tilt_rad in robot.mapper.first_looks:
+            if robot.looks < robot.settings.planner.max_looks // 2 and not robot.located:
+                await robot.look(wrap_angle(pan_rad), tilt_rad)
+        if not robot.located:
+            await asyncio.sleep(SEARCH_S)
 
 
 async def next_look(robot: Robot) -> NextLook | None:

@@ -170,13 +170,13 @@ class TeamMap(Generic[S, E]):
     def _sheets(self, *, own_as_sent: bool) -> list[Sheet[E]]:
         """Return all submaps that can be laid, by origin, oldest first.
 
-        Without an anchor nobody knows where a submap lies.
+        Without an anchor, or with one that is lost itself, nobody knows where a submap lies.
         """
         self._draw()
         heard = [
-            Sheet(key, self.store.anchors[key], self._drawn[key].get, self._revisions[key])
+            Sheet(key, anchor, self._drawn[key].get, self._revisions[key])
             for key in self._drawn
-            if key[:2] != self.me and key in self.store.anchors
+            if key[:2] != self.me and (anchor := self.store.anchors.get(key)) and anchor.is_located
         ]
         mine = [
             Sheet(
@@ -186,6 +186,7 @@ class TeamMap(Generic[S, E]):
                 submap.revision,
             )
             for index, submap in enumerate(self.own.submaps)
+            if submap.anchor.is_located
         ]
         return sorted([*heard, *mine], key=lambda sheet: sheet.key)
 

@@ -279,6 +279,7 @@ class Fleet:
         rig = make_rig(
             name,
             {name: "explorer"},
+            landmarks={},
             terrain=self.terrain,
             motions=motions,
             publish=publish,

@@ -16,7 +16,8 @@ import numpy as np
 from agents.briefing import AgentSettings
 from agents.disk import Disk, DiskError
 from agents.files import LocalFiles
-from agents.geometry import Floats, Pose
+from agents.geometry import Floats, GridFrame, Pose
+from agents.landmarks import Landmark
 from agents.planar.rays import fan_rad
 from agents.ports import Exposure
 from agents.robot import Robot
@@ -126,6 +127,7 @@ class Host:
             self.name,
             {name: robot.role for name, robot in scenario.robots.items()},
             terrain=self.plan.terrain,
+            landmarks=self.plan.landmarks,
             motions=self.motions,
             publish=self._publish,
             delay_ns=lookahead_ns(scenario),
@@ -145,7 +147,9 @@ class Host:
     def _agent_settings(self) -> AgentSettings:
         scenario = self.scenario
         roles = tuple(robot.role for robot in scenario.robots.values())
-        start, covariance = believed_start(scenario, self.plan.starts, self.name)
+        start, covariance = believed_start(
+            scenario, self.plan.starts, self.name, self.plan.terrain.frame
+        )
         return AgentSettings(
             name=self.name,
             index=self.roster.index(self.name),
@@ -162,6 +166,8 @@ class Host:
             planner=scenario.planner,
             sharing=scenario.sharing,
             tether=scenario.tether,
+            landmarks=tuple(Landmark(n, pose) for n, pose in sorted(self.plan.landmarks.items())),
+            start_known=scenario.robots[self.name].start_known,
         )
 
     # --- the way driven -----------------------------------------------------------------------
@@ -273,7 +279,7 @@ class Host:
         own, known = self.robot.own.known_cells(), team.known_entries()
         row = MapRow(to_s(t_ns), self.name, own, known, bits, error_m, cells, own_bits, heard_bits)
         self.notebook.add(row, t_ns)
-        if not self._is_moving(t_ns):  # a drive is measured when it is done
+        if self.robot.located and not self._is_moving(t_ns):  # a drive is measured when it is done
             self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
         self._note_pose(t_ns)
         if self.diary.is_due(t_ns):
@@ -430,11 +436,18 @@ def _begin(disk: Disk) -> str:
     return ""
 
 
-def believed_start(scenario: Scenario, starts: dict[str, Pose], name: str) -> tuple[Pose, Floats]:
+def believed_start(
+    scenario: Scenario, starts: dict[str, Pose], name: str, frame: GridFrame
+) -> tuple[Pose, Floats]:
     """Return what a robot believes of its start: the first mapping robot is the team's origin.
 
-    The others were localised against it (section 2.1): a little unsure, and a little wrong.
+    The others were localised against it (section 2.1): a little unsure, and a little wrong. Who
+    does not know its start takes the middle of the grid for its own frame's.
     """
+    if not scenario.robots[name].start_known:
+        west, east, south, north = frame.extent_m
+        middle = Pose((west + east) / 2, (south + north) / 2, 0.0, 0.0)
+        return middle, np.diag([1e-6, 1e-6, 1e-6, 1e-8])
     origin = next((n for n, r in scenario.robots.items() if r.role == "recon"), next(iter(starts)))
     true = starts[name]
     if name == origin:

@@ -25,12 +25,13 @@ def entry(exposure: Exposure, robot: Robot) -> Entry:
     Nothing of the robot's map is used, but where the robot believes to stand.
     """
     settings = robot.settings
+    drawn_at, beyond = robot.placing()
     cells = bin_look(
         exposure,
-        robot.pose,
+        drawn_at,
         settings.frame,
         attitude_sigma_rad=math.radians(settings.sensor.attitude_sigma_deg),
-        extra_variance=robot.own.beyond_anchor(robot.filter.covariance),
+        extra_variance=beyond,
     )
     flat = cells.rows * settings.frame.cols + cells.cols
     return flat.astype(np.int32).tobytes(), (1.0 / cells.variance_m2).astype(np.float32).tobytes()

@@ -246,6 +246,7 @@ class Play(ABC):
             observable=self.stage.truth.observable,
             starts=self.stage.starts,
             goal_m=self.stage.goal_m,
+            landmarks=self.stage.landmarks,
             folder=self.out,
             start_ns=now_ns,
             pose=self.motions.pose_at(name, now_ns) if born_before else None,

@@ -147,6 +147,7 @@ def _plan(scenario: Scenario, robot: str, out: Path) -> Plan:
         observable=stage.truth.observable,
         starts=stage.starts,
         goal_m=stage.goal_m,
+        landmarks=stage.landmarks,
         folder=out,
     )
 

@@ -59,6 +59,9 @@ class RobotSettings(Settings):
     role: Role
     start: tuple[float, float, float] | None = None
     """x, y (m, world frame) and yaw (degrees, counter-clockwise from east); left out: placed."""
+    start_known: bool = True
+    """Whether it knows where it starts. One that does not looks for a landmark or a team-mate, and
+    nobody takes in its map before."""
     join_s: Annotated[float, Field(ge=0)] | None = None
     """When it starts; left out: with the others."""
 
@@ -95,7 +98,14 @@ class Scenario(Settings):
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
-        checks = (_check_team, _check_links, _check_numbers, _check_choices, _check_map)
+        checks = (
+            _check_team,
+            _check_links,
+            _check_numbers,
+            _check_choices,
+            _check_map,
+            _check_places,
+        )
         refuse([conflict for check in checks for conflict in check(self)])
         joins_s = {name: robot.join_s or 0.0 for name, robot in self.robots.items()}
         refuse(check_events(self.events, joins_s, self.limit_s))
@@ -225,6 +235,29 @@ def _check_choices(scenario: Scenario) -> list[Conflict]:
         for choice in choices(scenario)
         if not choice.is_allowed
     ]
+
+
+def _check_places(scenario: Scenario) -> list[Conflict]:
+    """Refuse landmarks that can't be told from robots or seen, and starts that can't be unknown."""
+    conflicts: list[Conflict] = []
+    for name in scenario.world.landmarks:
+        if name in scenario.robots:
+            conflicts.append(Conflict(f"world.landmarks.{name}", name, "is a robot's name"))
+    if scenario.world.landmarks and scenario.map.kind == "planar":
+        sentence = "can't be seen by the cameras of planar maps; must be left out"
+        conflicts.append(Conflict("world.landmarks", list(scenario.world.landmarks), sentence))
+    mappers = [name for name, robot in scenario.robots.items() if robot.role in MAPPERS]
+    for name, robot in scenario.robots.items():
+        if robot.start_known:
+            continue
+        key = f"robots.{name}.start_known"
+        if robot.role not in MAPPERS or scenario.map.kind == "planar":
+            sentence = f"only {' and '.join(MAPPERS)} on rough ground can look where they are"
+            conflicts.append(Conflict(key, False, sentence))
+        elif name == mappers[0]:
+            sentence = "is the team's origin: by definition it knows where it starts"
+            conflicts.append(Conflict(key, False, sentence))
+    return conflicts
 
 
 def _check_map(scenario: Scenario) -> list[Conflict]:

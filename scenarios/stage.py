@@ -1,7 +1,7 @@
 """What stands before the first robot moves: the ground, where everybody starts, where to go."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from sim.errors import WorldError
 from sim.ground import Footing, Terrain
 from sim.planar import place_explorers, stands_free
 from sim.planar_world import PlanarWorld, load_map, made_up, observable
+from sim.settings import LandmarkSettings
 from sim.terrain import descent_goal, make_terrain, place_team
 
 LATTICE_M = 2.0
@@ -32,6 +33,8 @@ class Stage:
     starts: dict[str, Pose]
     """True start poses, by robot."""
     goal_m: tuple[float, float] | None
+    landmarks: dict[str, Pose] = field(default_factory=dict[str, Pose])
+    """Where they stand, by name."""
 
     @cached_property
     def truth(self) -> Truth | PlanarTruth:
@@ -90,7 +93,18 @@ def _ground(scenario: Scenario) -> Stage:
             starts[name] = _standing(terrain, x_m, y_m, math.radians(yaw_deg), footprint_m)
     cliffbots = [name for name, robot in scenario.robots.items() if robot.role == "cliffbot"]
     goal = descent_goal(terrain, starts[cliffbots[0]], footprint_m) if cliffbots else None
-    return Stage(whole, terrain, starts, goal)
+    landmarks = {
+        name: _landmark(terrain, mark, footprint_m)
+        for name, mark in scenario.world.landmarks.items()
+    }
+    return Stage(whole, terrain, starts, goal, landmarks)
+
+
+def _landmark(terrain: Terrain, mark: LandmarkSettings, footprint_m: float) -> Pose:
+    yaw_rad = math.radians(mark.yaw_deg)
+    if mark.z_m is not None:
+        return Pose(mark.x_m, mark.y_m, mark.z_m, yaw_rad)
+    return _standing(terrain, mark.x_m, mark.y_m, yaw_rad, footprint_m)
 
 
 def _standing(terrain: Terrain, x_m: float, y_m: float, yaw_rad: float, footprint_m: float) -> Pose:
@@ -104,8 +118,8 @@ def _standing(terrain: Terrain, x_m: float, y_m: float, yaw_rad: float, footprin
     if math.isnan(z_m):
         west, east, south, north = terrain.frame.extent_m
         raise WorldError(
-            f"start at x {x_m:g}, y {y_m:g} m: there is no known ground; the window reaches from "
-            f"x {west:g} to {east:g} and from y {south:g} to {north:g} m"
+            f"to stand at x {x_m:g}, y {y_m:g} m: there is no known ground; the window reaches "
+            f"from x {west:g} to {east:g} and from y {south:g} to {north:g} m"
         )
     return Pose(x_m, y_m, z_m, yaw_rad)
 

@@ -26,6 +26,8 @@ class Plan:
     starts: dict[str, Pose]
     """True start poses of the whole team."""
     goal_m: tuple[float, float] | None
+    landmarks: dict[str, Pose]
+    """Where landmarks stand."""
     folder: Path
     """The run's folder."""
     start_ns: int = 0

@@ -1,7 +1,7 @@
 """What a simulated robot of each role is made of: body, camera, winch, on true ground."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +41,7 @@ def make_rig(
     roles: dict[str, str],
     *,
     terrain: Terrain | PlanarWorld,
+    landmarks: Mapping[str, Pose],
     motions: Motions,
     publish: Callable[[Segment], None],
     delay_ns: int,
@@ -59,15 +60,15 @@ def make_rig(
     """Build the hardware that a robot's role has.
 
     `motions` is this process's knowledge of everybody, own motion included; `publish` adds to it
-    and tells the others. `tether_m` is what is out of an Anchor-bot's drum, None at the start.
-    `light` and `ground_salt`, which names the ground's pattern, are for cameras that see images;
-    `kept` is given what these saw.
+    and tells the others. `landmarks` stand in the world and are seen like team-mates. `tether_m`
+    is what is out of an Anchor-bot's drum, None at the start. `light` and `ground_salt`, which
+    names the ground's pattern, are for cameras that see images; `kept` is given what these saw.
     """
     role = roles[name]
 
     def others(t_ns: int) -> dict[str, Pose]:
         seen = {mate: motions.pose_at(mate, t_ns - delay_ns) for mate in roles if mate != name}
-        return {mate: pose for mate, pose in seen.items() if pose is not None}
+        return {**landmarks, **{mate: pose for mate, pose in seen.items() if pose is not None}}
 
     def tethers(t_ns: int) -> list[tuple[Pose, float]]:
         seen_ns = t_ns - delay_ns
@@ -96,6 +97,7 @@ def make_rig(
     mount = Mount(
         name=name,
         roles=roles,
+        landmarks=tuple(landmarks),
         terrain=terrain,
         sensor=sensor,
         pose_now=rover.pose_now,

@@ -27,12 +27,14 @@ class Mount:
     name: str
     roles: Mapping[str, str]
     """Of the whole team, by name."""
+    landmarks: tuple[str, ...]
+    """Names of what stands there like a robot without a mast."""
     terrain: Terrain
     sensor: SensorSettings
     pose_now: Callable[[], Pose]
     """True pose of the robot that carries it, in the world frame."""
     others: Callable[[int], dict[str, Pose]]
-    """True poses of the others at an instant (ns), as far as they are known here."""
+    """True poses of the others at an instant (ns), as far as they are known here, and landmarks."""
     rng: np.random.Generator
     radius_m: float
     """Of a robot's body."""
@@ -52,6 +54,7 @@ def _range(mount: Mount) -> Camera:
 def _stereo(mount: Mount) -> Camera:
     mast_m = mount.sensor.height_m
     masts_m = {mate: mast_m if r in MAPPERS else 0.0 for mate, r in mount.roles.items()}
+    masts_m |= dict.fromkeys(mount.landmarks, 0.0)
     stage = make_stage(mount.terrain, masts_m, salt=mount.ground_salt, light=mount.light)
     return StereoCamera(
         mount.name, stage, mount.sensor, mount.pose_now, mount.others, mount.rng, kept=mount.kept

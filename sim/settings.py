@@ -9,6 +9,7 @@ from sim.stereo.settings import LightSettings
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,31}$")]
 Metres = Annotated[float, Field(ge=4, le=5000)]
 
 
@@ -97,11 +98,26 @@ class TerrainSettings(Settings):
         return self
 
 
+class LandmarkSettings(Settings):
+    """A thing of a robot's size that bears its fiducials, and whose place everybody knows."""
+
+    x_m: float
+    y_m: float
+    z_m: float | None = None
+    """Height of its foot; left out: it stands on the ground."""
+    yaw_deg: float = 0.0
+    """Which way it faces, counter-clockwise from east."""
+
+
 class WorldSettings(Settings):
     """The part of the world that is simulated: ground, or the floor of a building."""
 
     terrain: TerrainSettings = TerrainSettings()
     light: LightSettings = LightSettings()
+    landmarks: Annotated[dict[Name, LandmarkSettings], Field(max_length=64)] = Field(
+        default_factory=dict[Name, LandmarkSettings]
+    )
+    """By name: things by which a camera on rough ground tells where it is in the team's frame."""
     window_m: Annotated[tuple[Metres, Metres], Field(strict=False)] = (32.0, 32.0)
     """Width (east) and height (north) of the window; a made-up floor is a square."""
     map: str = ""

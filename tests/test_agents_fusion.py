@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.fusion import FusionError, Gaussian, PoseFilter, ekf_update, merge, rotate_covariance
+from agents.fusion import FusionError, Gaussian, ekf_update, merge, rotate_covariance
 from agents.geometry import Pose
 from agents.ports import Odometry, Sighting
+from agents.posefilter import PoseFilter
 
 seeds = st.integers(0, 2**32 - 1)
 

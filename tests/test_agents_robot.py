@@ -10,7 +10,6 @@ from robot_helpers import START, hear, log_of, measure, robot_on, save, say
 from team_helpers import FRAME, GRID, SURE, chunks_of, layer, look
 
 from agents.briefing import ACTIVITIES
-from agents.fusion import PoseFilter
 from agents.geometry import Pose
 from agents.messages import (
     Fix,
@@ -20,6 +19,7 @@ from agents.messages import (
     pack_fix,
     pack_status,
 )
+from agents.posefilter import PoseFilter
 from agents.robot import Robot
 from agents.sharing.reports import Holdings, Report, pack_report
 from agents.store import AnchorKey, Chunk, Origin, TileKey

@@ -47,6 +47,7 @@ def make(mount: Mount) -> Hardware:
     rig = make_rig(
         file.name,
         {file.name: file.role},
+        landmarks={},
         terrain=terrain,
         motions=motions,
         publish=motions.add,
