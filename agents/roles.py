@@ -54,8 +54,10 @@ async def explore(robot: Robot) -> None:
         ahead_rad = None if arrived else robot.mapper.halted()
         pan_rad = wrap_angle(plan.heading_rad - robot.pose.yaw_rad)
         await robot.look(pan_rad if ahead_rad is None else ahead_rad, plan.tilt_rad)
-    why = "no other look is worth its way" if robot.looks < most else "it may take no more"
-    robot.log.event("explored", f"after {robot.looks} looks {why}")
+    if robot.looks < most:
+        robot.log.event("explored", f"after {robot.looks} looks no other look is worth its way")
+    else:
+        robot.log.event("looks spent", f"it may take no more than {most}")
     await watch(robot)
 
 

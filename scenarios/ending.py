@@ -117,6 +117,12 @@ def conclude(
     shortcomings += [f"{a.name}: {a.death}" for a in actors if a.death]
     dead = [a.name for a in actors if a.state == "killed" and not a.death]
     shortcomings += [f"{name} was killed" for name in dead]
+    spent = [a.name for a in actors if a.event_s("looks spent") is not None]
+    if spent and not mission:
+        most = scenario.planner.max_looks
+        shortcomings.append(
+            f"{' and '.join(spent)} took all looks allowed (planner.max_looks = {most})"
+        )
     if mission and not mission["cliffbot_reached"]:
         shortcomings.append(_why_not_down(mission))
     if mission and mission["hazards_hit"]:

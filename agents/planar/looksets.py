@@ -83,4 +83,4 @@ def look_sets(by_bearing: Floats, width: int, most: int) -> tuple[Floats, Ints]:
 @kernels.warmer
 def warm() -> None:
     """Compile the kernel of this module."""
-    look_sets(np.ones((1, 12)), 3, 2)
+    look_sets(np.ones((1, 4 * COARSE)), 2 * COARSE, 2)
