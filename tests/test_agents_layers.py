@@ -128,7 +128,7 @@ def binned_slowly(
         slope2 = min(12 * spread / FRAME.cell_m**2, 9.0)
         shift = (extra[0] + extra[1]) / 2 + reach**2 * extra[3]
         common = (attitude_rad * reach) ** 2 + extra[2] + slope2 * shift
-        result[cell] = (mean, 1 / sum(weights) + spread / n + common)
+        result[cell] = (mean, 1 / sum(weights) + spread / min(n, 4) + common)
     return result
 
 
