@@ -6,10 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.errors import AgentError
-from agents.geometry import Floats, Pose
+from agents.geometry import Floats, Pose, wrap_angle
+from agents.ports import Sighting
 
 YAW = 3
 """Index of the yaw in a pose's state (x, y, z, yaw)."""
+
+
+SHARES = tuple(float(share) for share in np.linspace(0.02, 0.98, 25))
+"""Shares that are tried in covariance intersection."""
 
 
 class FusionError(AgentError):
@@ -126,3 +131,57 @@ def compose(
     f[1, YAW] = c * forward - s * left
     covariance = f @ base_covariance @ f.T + rotate_covariance(noise, yaw_matrix(base.yaw_rad))
     return base.moved(forward, left, up, turn), symmetric(covariance)
+
+
+def pose_numbers(pose: Pose) -> Floats:
+    """Return a pose as (x, y, z, yaw), (4,)."""
+    return np.array((pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad), dtype=np.float64)
+
+
+def offset_between(base: Pose, other: Pose) -> tuple[Floats, Floats, Floats]:
+    """Return another pose in the frame of a base (4,), and Jacobians (4, 4) to both."""
+    turn = yaw_matrix(-base.yaw_rad)
+    apart = pose_numbers(other) - pose_numbers(base)
+    apart[YAW] = wrap_angle(float(apart[YAW]))
+    offset = turn @ apart
+    to_base = -turn
+    to_base[0, YAW], to_base[1, YAW] = offset[1], -offset[0]
+    return offset, to_base, turn
+
+
+def stand_of_seer(mate: Pose, mate_covariance: Floats, sighting: Sighting) -> tuple[Pose, Floats]:
+    """Return where a robot stands that saw a mate at a known pose, with covariance (4, 4)."""
+    yaw_rad = wrap_angle(mate.yaw_rad - sighting.bearing_rad)
+    ahead, left, up = sighting.offset_m
+    foot = Pose(mate.x_m, mate.y_m, mate.z_m, yaw_rad).moved(-ahead, -left, -up, 0.0)
+    turn = yaw_matrix(yaw_rad)
+    to_mate, to_sighting = np.eye(4), -turn
+    to_mate[0, YAW], to_mate[1, YAW] = mate.y_m - foot.y_m, foot.x_m - mate.x_m
+    to_sighting[:2, YAW] = -to_mate[:2, YAW]
+    own = checked_covariance(mate_covariance, 4)
+    seen = checked_covariance(sighting.covariance, 4)
+    return foot, symmetric(to_mate @ own @ to_mate.T + to_sighting @ seen @ to_sighting.T)
+
+
+def best_share(prior: Floats, h: Floats, seen: Floats, reference: Floats) -> float | None:
+    """Return the share w of covariance intersection, or None where none makes the pose surer.
+
+    Args:
+        prior: (4, 4) of the pose, to be stretched by 1/w.
+        h: (4, 4) Jacobian of the measurement.
+        seen: (4, 4) the measurement's own noise.
+        reference: (4, 4) of what is measured against, to be stretched by 1/(1-w).
+
+    """
+    sizes = [_size(_updated(prior / w, h, seen + reference / (1.0 - w))) for w in SHARES]
+    best = int(np.argmin(sizes))
+    return SHARES[best] if sizes[best] < _size(prior) else None
+
+
+def _updated(prior: Floats, h: Floats, noise: Floats) -> Floats:
+    s = h @ prior @ h.T + noise
+    return symmetric(prior - prior @ h.T @ np.linalg.solve(s, h @ prior))
+
+
+def _size(covariance: Floats) -> float:
+    return float(np.linalg.slogdet(covariance)[1])

@@ -21,6 +21,9 @@ MAX_STEPS = 80
 """Conjugate-gradient steps at most; about ten do for any map we met."""
 ENOUGH_PAIRS = 200
 LEAST_ROUGHNESS_M = 0.03
+LEAST_SIGMA_M = 1e-3
+UNKNOWN_SIGMA_M = 0.25
+"""Of an estimated cell where too little is known to tell how rough the ground is."""
 
 
 class MarkovError(AgentError):
@@ -140,6 +143,29 @@ def roughness_m(elevation_m: Floats, cell_m: float, *, unknown_m: float = 0.25) 
     if len(apart) < ENOUGH_PAIRS:
         return unknown_m
     return max(LEAST_ROUGHNESS_M, 1.4826 * float(np.median(apart)))
+
+
+def variogram_sigma(known_m: Floats, distance_cells: Floats) -> Floats:
+    """Return the deviation of estimated cells (H, W): how much known heights so far apart differ.
+
+    The root mean square of differences at lags of 1, 2, 4 ... cells, along rows and columns, taken
+    where there are `ENOUGH_PAIRS`; between lags by power laws, beyond the longest as at the
+    longest. Rocks and steps count, which a median would not see. 0 on measured cells: theirs comes
+    from the sensor.
+    """
+    lags: list[int] = []
+    sizes: list[float] = []
+    for lag in (2**k for k in range(12) if 2 ** (k + 1) < min(known_m.shape)):
+        down, across = known_m[lag:] - known_m[:-lag], known_m[:, lag:] - known_m[:, :-lag]
+        apart = np.concatenate((down.ravel(), across.ravel()))
+        apart = apart[~np.isnan(apart)]
+        if len(apart) >= ENOUGH_PAIRS:
+            lags.append(lag)
+            sizes.append(max(LEAST_SIGMA_M, float(np.sqrt(np.mean(apart**2)))))
+    if not lags:
+        return np.where(distance_cells > 0, UNKNOWN_SIGMA_M, 0.0)
+    steps = np.interp(np.log(np.maximum(distance_cells, 1e-9)), np.log(lags), np.log(sizes))
+    return np.where(distance_cells > 0, np.exp(steps), 0.0)
 
 
 def estimated_sigma(

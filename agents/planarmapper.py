@@ -9,7 +9,7 @@ import numpy as np
 from agents.anchoring import submap_name
 from agents.floormatch import match
 from agents.floorways import way_to
-from agents.fusion import rotate_covariance
+from agents.fusion import offset_between, rotate_covariance
 from agents.geometry import Bools, Pose, wrap_angle
 from agents.localising import GATE
 from agents.mapper import Expected, NextLook
@@ -17,7 +17,6 @@ from agents.maps.planar import Occupancy
 from agents.maps.planarlook import look_odds, visible_cells
 from agents.planar import PlanarView, method
 from agents.ports import Exposure
-from agents.posefilter import offset_between
 
 if TYPE_CHECKING:
     from agents.robot import Robot

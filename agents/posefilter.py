@@ -18,9 +18,12 @@ from agents.fusion import (
     YAW,
     FusionError,
     Gaussian,
+    best_share,
     checked_covariance,
     compose,
     ekf_update,
+    offset_between,
+    pose_numbers,
     rotate_covariance,
     symmetric,
     yaw_matrix,
@@ -32,8 +35,6 @@ SIZE = 4
 """Numbers of one pose in the state: x, y, z, yaw."""
 MOST_REMEMBERED = 48
 """Poses that are kept beside the present one; the oldest is let go, and stays where it is."""
-SHARES = tuple(float(share) for share in np.linspace(0.02, 0.98, 25))
-"""Shares that are tried in covariance intersection."""
 
 
 @dataclass(frozen=True)
@@ -45,48 +46,9 @@ class Remembered:
     index: int
 
 
-def _numbers(pose: Pose) -> Floats:
-    return np.array((pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad))
-
-
 def _pose(numbers: Floats) -> Pose:
     x, y, z, yaw = (float(v) for v in numbers)
     return Pose(x, y, z, wrap_angle(yaw))
-
-
-def _updated(prior: Floats, h: Floats, noise: Floats) -> Floats:
-    """Return what is left of a covariance (4, 4) after a measurement."""
-    s = h @ prior @ h.T + noise
-    return symmetric(prior - prior @ h.T @ np.linalg.solve(s, h @ prior))
-
-
-def _volume(covariance: Floats) -> float:
-    return float(np.linalg.slogdet(covariance)[1])
-
-
-def offset_between(base: Pose, other: Pose) -> tuple[Floats, Floats, Floats]:
-    """Return another pose in the frame of a base (4,), and Jacobians (4, 4) to both."""
-    turn = yaw_matrix(-base.yaw_rad)
-    apart = _numbers(other) - _numbers(base)
-    apart[YAW] = wrap_angle(float(apart[YAW]))
-    offset = turn @ apart
-    to_base = -turn
-    to_base[0, YAW], to_base[1, YAW] = offset[1], -offset[0]
-    return offset, to_base, turn
-
-
-def stand_of_seer(mate: Pose, mate_covariance: Floats, sighting: Sighting) -> tuple[Pose, Floats]:
-    """Return where a robot stands that saw a mate at a known pose, with covariance (4, 4)."""
-    yaw_rad = wrap_angle(mate.yaw_rad - sighting.bearing_rad)
-    ahead, left, up = sighting.offset_m
-    foot = Pose(mate.x_m, mate.y_m, mate.z_m, yaw_rad).moved(-ahead, -left, -up, 0.0)
-    turn = yaw_matrix(yaw_rad)
-    to_mate, to_sighting = np.eye(SIZE), -turn
-    to_mate[0, YAW], to_mate[1, YAW] = mate.y_m - foot.y_m, foot.x_m - mate.x_m
-    to_sighting[:2, YAW] = -to_mate[:2, YAW]
-    own = checked_covariance(mate_covariance, SIZE)
-    seen = checked_covariance(sighting.covariance, SIZE)
-    return foot, symmetric(to_mate @ own @ to_mate.T + to_sighting @ seen @ to_sighting.T)
 
 
 class PoseFilter:
@@ -94,7 +56,7 @@ class PoseFilter:
 
     def __init__(self, pose: Pose, covariance: Floats) -> None:
         """Begin at a pose with a covariance (4, 4) of (x, y, z, yaw), metres and radians."""
-        self._state = Gaussian(_numbers(pose), checked_covariance(covariance, SIZE))
+        self._state = Gaussian(pose_numbers(pose), checked_covariance(covariance, SIZE))
         self._names: list[Remembered] = []
 
     # --- what is believed ---------------------------------------------------------------------
@@ -149,7 +111,7 @@ class PoseFilter:
     def introduce(self, name: Remembered, pose: Pose, covariance: Floats) -> None:
         """Keep somebody's pose, whose error (4, 4) is independent of all that is known so far."""
         own = checked_covariance(covariance, SIZE)
-        self._grow(name, _numbers(pose), own, np.zeros((SIZE, len(self._state.mean))))
+        self._grow(name, pose_numbers(pose), own, np.zeros((SIZE, len(self._state.mean))))
 
     def _grow(self, name: Remembered, mean: Floats, own: Floats, across: Floats) -> None:
         assert name not in self._names
@@ -176,12 +138,12 @@ class PoseFilter:
         relative = np.zeros((n, n))
         carried = np.zeros((n, SIZE))
         carried[:SIZE] = np.eye(SIZE)
-        mean = np.concatenate((_numbers(pose), self._state.mean[SIZE:]))
+        mean = np.concatenate((pose_numbers(pose), self._state.mean[SIZE:]))
         for name in self._names:
             at = self._slice(name)
             offset, to_pose, to_other = offset_between(self.pose, self.pose_of(name))
             placed, _ = compose(pose, np.zeros((4, 4)), tuple(offset.tolist()), np.zeros((4, 4)))
-            mean[at] = _numbers(placed)
+            mean[at] = pose_numbers(placed)
             turn = yaw_matrix(pose.yaw_rad)
             relative[at, :SIZE], relative[at, at] = turn @ to_pose, turn @ to_other
             carried[at] = np.eye(SIZE)
@@ -201,7 +163,7 @@ class PoseFilter:
         f = np.eye(SIZE)
         f[0, YAW], f[1, YAW] = here.y_m - pose.y_m, pose.x_m - here.x_m
         mean, covariance = self._state.mean.copy(), self._state.covariance.copy()
-        mean[:SIZE] = _numbers(pose)
+        mean[:SIZE] = pose_numbers(pose)
         covariance[:SIZE, SIZE:] = f @ covariance[:SIZE, SIZE:]
         covariance[SIZE:, :SIZE] = covariance[:SIZE, SIZE:].T
         covariance[:SIZE, :SIZE] = grown
@@ -213,7 +175,7 @@ class PoseFilter:
         A measurement whose value exceeds `gate` (chi-squared, 4 degrees of freedom) is not
         believed and changes nothing.
         """
-        innovation = _numbers(measured) - _numbers(self.pose)
+        innovation = pose_numbers(measured) - pose_numbers(self.pose)
         innovation[YAW] = wrap_angle(float(innovation[YAW]))
         noise = checked_covariance(covariance, SIZE)
         return self._take(innovation, np.eye(SIZE), noise, gate)
@@ -284,14 +246,10 @@ class PoseFilter:
         innovation, h, turn = self._sighted(mate, sighting)
         turned = rotate_covariance(checked_covariance(mate_covariance, SIZE), turn)
         seen = checked_covariance(sighting.covariance, SIZE)
-        prior = self.covariance
-        sizes = [
-            _volume(_updated(prior / share, h, seen + turned / (1.0 - share))) for share in SHARES
-        ]
-        best = int(np.argmin(sizes))
-        if sizes[best] >= _volume(prior):
+        share = best_share(self.covariance, h, seen, turned)
+        if share is None:
             return 0.0
-        share, before = SHARES[best], self._state
+        before = self._state
         self._state = Gaussian(before.mean, before.covariance / share)
         nis = self._take(innovation, h, seen + turned / (1.0 - share), gate)
         if nis > gate:

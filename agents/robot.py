@@ -15,7 +15,7 @@ from agents.anchoring import needs_submap, placing
 from agents.briefing import AgentSettings, RobotLog
 from agents.disk import Disk
 from agents.elevationmapper import ElevationMapper
-from agents.fusion import compose
+from agents.fusion import compose, stand_of_seer
 from agents.geometry import Bools, Floats, Pose, wrap_angle
 from agents.localising import is_located, reference, take_in
 from agents.mapper import Mapper, NextLook
@@ -23,7 +23,6 @@ from agents.member import LEG_M, Member
 from agents.messages import Fix
 from agents.planarmapper import PlanarMapper
 from agents.ports import Exposure, Hardware, Sighting
-from agents.posefilter import stand_of_seer
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""

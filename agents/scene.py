@@ -123,8 +123,8 @@ class Scene:
     def sigma_m(self) -> Floats:
         """(H, W) standard deviation of every cell, estimated ones included."""
         view = self.view
-        rough = markov.roughness_m(view.elevation_m, view.frame.cell_m)
-        guessed = markov.estimated_sigma(self.known_distance_m, sigma_at_1m=rough)
+        far_cells = self.known_distance_m / view.frame.cell_m
+        guessed = markov.variogram_sigma(view.elevation_m, far_cells)
         return np.where(np.isnan(view.elevation_m), guessed, view.sigma_m)
 
     @cached_property

@@ -19,6 +19,8 @@ BEGIN, END = "<!-- keys: begin -->", "<!-- keys: end -->"
 
 # What the settings leave to the key's name, said for readers of the page.
 MEANINGS = {
+    "world.landmarks.NAME.x_m": "Where it stands, from the west edge of the window.",
+    "world.landmarks.NAME.y_m": "The same from the south edge.",
     "robots.NAME.role": "What it does: recon and explorer map; a cliffbot needs two anchors.",
     "drive.speed_mps": "Driving speed.",
     "drive.turn_rate_radps": "Turning speed, on the spot.",
@@ -51,6 +53,7 @@ TITLES = {
     "world": "World",
     "world.terrain": "Terrain",
     "world.light": "Light",
+    "world.landmarks.NAME": "One landmark",
     "map": "Map",
     "sensor": "Sensor",
     "sensor.stereo": "Stereo cameras",
@@ -81,9 +84,9 @@ def _tables(
     for key, entry in schema["properties"].items():
         inner = entry.get("$ref") or entry.get("items", {}).get("$ref")
         path = f"{table}.{key}" if table else key
-        if path == "robots":
+        if path in ("robots", "world.landmarks"):
             inner = next(iter(entry["patternProperties"].values()))["$ref"]
-            path = "robots.NAME"
+            path = f"{path}.NAME"
         if inner:
             yield from _tables(path, definitions[inner.rsplit("/", 1)[1]], definitions)
         elif "additionalProperties" not in entry:
@@ -100,6 +103,12 @@ def _intro(table: str) -> list[str]:
         return [
             "`[robots.NAME]` for each robot. Or `[robots]` with `count = 3` (and `role`, which is"
             " `explorer` if left out) for explorer-1, explorer-2, explorer-3.",
+            "",
+        ]
+    if table == "world.landmarks.NAME":
+        return [
+            "`[world.landmarks.NAME]` for each: a thing of a robot's size that bears its fiducials,"
+            " and whose place everybody knows. Cameras on rough ground see it as they see a robot.",
             "",
         ]
     if table == "links":

@@ -11,6 +11,7 @@ from agents.markov import (
     distance_to_known_m,
     estimated_sigma,
     roughness_m,
+    variogram_sigma,
 )
 
 
@@ -114,3 +115,20 @@ def test_roughness_is_measured_one_metre_apart_and_guessed_where_little_is_known
     white = rng.normal(scale=0.2, size=(80, 80))
     assert roughness_m(white, 0.1) == pytest.approx(0.2 * np.sqrt(2), rel=0.05)
     assert roughness_m(np.full((80, 80), np.nan), 0.1) == 0.25
+
+
+def test_the_variogram_is_that_of_a_known_law():
+    slope = np.add.outer(np.arange(64.0), np.arange(64.0))
+    sigma = variogram_sigma(slope, np.array([[0.0, 1.0, 3.0, 16.0, 99.0]]))[0]
+    assert sigma == pytest.approx([0.0, 1.0, 3.0, 16.0, 16.0])
+    rng = np.random.default_rng(2)
+    white = np.where(rng.random((90, 90)) < 0.3, np.nan, rng.normal(scale=2.0, size=(90, 90)))
+    level = variogram_sigma(white, np.array([[1.0, 5.0, 20.0]]))[0]
+    assert level == pytest.approx(2.0 * np.sqrt(2), rel=0.05)
+
+
+def test_where_next_to_nothing_is_known_the_variogram_is_a_guess():
+    nothing = np.full((40, 40), np.nan)
+    nothing[3, 3:9] = 1.0
+    got = variogram_sigma(nothing, np.array([[0.0, 1.0, np.inf]]))
+    assert got.tolist() == [[0.0, 0.25, 0.25]]

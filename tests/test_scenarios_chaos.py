@@ -252,7 +252,7 @@ def a_drum_that_runs_on_instead_of_braking() -> Iterator[None]:
 
 @contextmanager
 def a_program_that_fails() -> Iterator[None]:
-    with patch.object(OwnLayer, "needs_submap", side_effect=ValueError("a mistake of ours")):
+    with patch.object(OwnLayer, "begin_submap", side_effect=ValueError("a mistake of ours")):
         yield
 
 

@@ -231,10 +231,13 @@ class ElevationKind:
     def moved(self, drawing: Estimate, anchor: Anchor, frame: GridFrame) -> Estimate:
         """Resample a submap at its corrected pose, lifted as its anchor was."""
         row, col, inside = drawn_cells(anchor, frame)
+        # The nearest drawn cell lies up to half a cell off, both ways.
+        slope = slope_of(drawing.elevation_m, frame.cell_m)
+        rounded = drawing.variance_m2 + slope * slope * frame.cell_m**2 / 12.0
         lift_m = anchor.corrected.z_m - anchor.pose.z_m
         return Estimate(
             np.where(inside, drawing.elevation_m[row, col] + lift_m, np.nan),
-            np.where(inside, drawing.variance_m2[row, col], np.inf),
+            np.where(inside, rounded[row, col], np.inf),
             np.where(inside, drawing.looks[row, col], 0).astype(np.uint16),
         )
 

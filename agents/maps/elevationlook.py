@@ -7,6 +7,10 @@ import numpy as np
 from agents.geometry import Floats, GridFrame, Ints, Pose
 from agents.ports import Exposure
 
+INDEPENDENT = 4
+"""Points of one look on one cell tell its mean height as well as so many that fell anywhere on it:
+they are on the side that faces the camera, however many they are."""
+
 
 @dataclass(frozen=True)
 class LookCells:
@@ -65,5 +69,8 @@ def bin_look(
         + slope2 * (0.5 * (var_x + var_y) + reach**2 * var_yaw)
     )
     return LookCells(
-        used // frame.cols, used % frame.cols, mean, 1.0 / total + spread / count + common
+        used // frame.cols,
+        used % frame.cols,
+        mean,
+        1.0 / total + spread / np.minimum(count, INDEPENDENT) + common,
     )

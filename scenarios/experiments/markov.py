@@ -31,7 +31,6 @@ from scenarios.experiments.markov_surfaces import (
     sinusoid,
     swept,
     timed,
-    variogram_sigma,
 )
 from scenarios.experiments.tables import Row
 
@@ -171,7 +170,7 @@ def _calibration(elevation_m: Floats, cell_m: float, rng: np.random.Generator) -
     """Compare errors of estimated cells with the sigmas that a robot gives them, by distance.
 
     Holes of all sizes, or all that lies beyond a line; completed as planners do (border "low",
-    which is why holes leave out the map's rim). Laws: the one in use, and the variogram.
+    which is why holes leave out the map's rim). Laws: the one in use, and one of the median.
     """
     shape = (elevation_m.shape[0], elevation_m.shape[1])
     rugged = np.zeros(shape, dtype=np.bool_)
@@ -186,8 +185,8 @@ def _calibration(elevation_m: Floats, cell_m: float, rng: np.random.Generator) -
         distance_m = markov.distance_to_known_m(~np.isnan(known_m), cell_m)
         rough_m = markov.roughness_m(known_m, cell_m)
         laws = {
-            "in use": markov.estimated_sigma(distance_m, sigma_at_1m=rough_m),
-            "variogram": variogram_sigma(known_m, distance_m / cell_m),
+            "in use": markov.variogram_sigma(known_m, distance_m / cell_m),
+            "median": markov.estimated_sigma(distance_m, sigma_at_1m=rough_m),
         }
         asked = unknown & np.isfinite(elevation_m)
         for law, sigma_m in laws.items():

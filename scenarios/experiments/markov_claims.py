@@ -210,7 +210,7 @@ def _sigma_claim(ground: Sequence[Row], where: str, law: str) -> Claim:
         f"{covered[name]:.2f} on {name} (error / sigma about {pooled(mine, 'z_rms'):.1f})"
         for name, mine in by_ground.items()
     )
-    words = "the law in use" if law == "in use" else "the variogram of known ground"
+    words = "the law in use" if law == "in use" else "the median's law"
     return Claim(
         f"Estimated cells {where} keep within two sigmas by {words} (at least 95 %)",
         "ours",

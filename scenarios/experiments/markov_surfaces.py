@@ -131,24 +131,6 @@ def neighbour_mean(values: Floats) -> Floats:
     return total / np.maximum(count, 1)
 
 
-def variogram_sigma(known_m: Floats, distance_cells: Floats) -> Floats:
-    """Return another law for estimated cells (H, W): how much known heights so far apart differ.
-
-    The root mean square of differences at lags of 1, 2, 4 ... cells, along rows and columns;
-    between lags by power laws, beyond the longest as at the longest. Rocks and steps count.
-    """
-    lags = [2**k for k in range(12) if 2 ** (k + 1) < min(known_m.shape)]
-    apart = [
-        np.concatenate(
-            ((known_m[n:] - known_m[:-n]).ravel(), (known_m[:, n:] - known_m[:, :-n]).ravel())
-        )
-        for n in lags
-    ]
-    size = [max(1e-6, math.sqrt(float(np.nanmean(difference**2)))) for difference in apart]
-    steps = np.interp(np.log(np.maximum(distance_cells, 1e-9)), np.log(lags), np.log(size))
-    return np.where(distance_cells > 0, np.exp(steps), 0.0)
-
-
 def timed(work: Callable[[], Floats]) -> tuple[Floats, float]:
     """Return what some work gives, and the processor seconds that it took."""
     start = time.process_time()
