@@ -46,6 +46,7 @@ async def live(tab: Tab, folder: Path) -> None:
     await tab.until("document.querySelector('.said').textContent.includes('cut off')")
     await asyncio.sleep(2 * SETTLE_S)
     await tab.value("document.querySelector('.runbar .play').click()")
+    await tab.until("document.querySelector('.status').textContent === 'Paused'")
     await shoot(tab, "live.png")
     assert page.desk is not None
     page.desk.ask({"do": "go"})

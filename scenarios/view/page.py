@@ -10,7 +10,17 @@ from typing import Any
 
 from scenarios.view.pack import pack
 
-MODULES = ("data", "model", "shade", "scene", "charts", "tables", "controls")
+MODULES = (
+    "data",
+    "model",
+    "shade",
+    "panel",
+    "scene",
+    "charts",
+    "tables",
+    "looks",
+    "controls",
+)
 """Scripts that the pages are made of; they import each other as "ropeteam/NAME"."""
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' data:; style-src 'unsafe-inline'; "

@@ -37,6 +37,7 @@ export class Chart {
     this.columns = columns;
     if (this.plot) this.plot.setData(columns);
     else if (this.body.clientWidth > 0) this.make();
+    this.tell();
   }
 
   make() {
@@ -66,16 +67,32 @@ export class Chart {
           paths: uPlot.paths.stepped({ align: 1 }),
           points: { show: false },
           spanGaps: true,
-          value: (_, value) => (value === null || value === undefined ? "" : this.unit.text(value)),
+          value: (plot, _, curve, at) => this.valueText(plot.data[curve], at),
         })),
       ],
-      hooks: { draw: [(plot) => this.line(plot)] },
+      hooks: { draw: [(plot) => this.line(plot)], ready: [() => this.tell()] },
     };
     this.plot = new uPlot(options, this.columns, this.body);
     this.plot.over.addEventListener("click", () => {
       const t = this.plot.posToVal(this.plot.cursor.left, "x");
       this.onPick?.(t);
     });
+    this.plot.over.addEventListener("mouseleave", () => this.tell());
+  }
+
+  // The value of a curve at a point, which another curve may have brought in.
+  valueText(values, at) {
+    if (at === null || at === undefined) return "";
+    const last = values.slice(0, at + 1).findLast((value) => value !== null && value !== undefined);
+    return last === undefined ? "–" : this.unit.text(last);
+  }
+
+  // Shows what holds where the page stands, as long as nobody points elsewhere.
+  tell() {
+    if (!this.plot || this.plot.cursor.left >= 0) return;
+    const times = this.plot.data[0];
+    const next = this.now === null ? times.length : times.findIndex((t) => t > this.now);
+    this.plot.setLegend({ idx: (next < 0 ? times.length : Math.max(next, 1)) - 1 });
   }
 
   line(plot) {
@@ -97,6 +114,7 @@ export class Chart {
   at(t) {
     this.now = t;
     this.plot?.redraw(false, false);
+    this.tell();
   }
 
   restyle() {

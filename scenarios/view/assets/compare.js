@@ -1,8 +1,8 @@
 // Runs side by side: curves laid over each other, and a table of all figures.
 
 import { Chart, together } from "ropeteam/charts";
-import { readTheme } from "ropeteam/controls";
 import { embedded } from "ropeteam/data";
+import { readTheme } from "ropeteam/looks";
 import { dot, make } from "ropeteam/tables";
 
 const root = document.getElementById("page");

@@ -1,10 +1,11 @@
 // The page of one run: panels, time, curves, lists. A report plays it back; live feeds it on.
 
 import { Chart, bytesCurve, coverageCurve, thinned, together } from "ropeteam/charts";
-import { clock, bytesText, upTo } from "ropeteam/model";
-import { KIND_COLOURS, RobotMap, World } from "ropeteam/scene";
-import { scaleGradient } from "ropeteam/shade";
-import { bytesTable, dot, eventText, factTable, linkTable, make, robotTable, some } from "ropeteam/tables";
+import { legend, readTheme } from "ropeteam/looks";
+import { bytesText, clock, upTo } from "ropeteam/model";
+import { RobotMap } from "ropeteam/panel";
+import { World } from "ropeteam/scene";
+import { dot, endCards, eventText, make } from "ropeteam/tables";
 
 const SPEEDS = [1, 5, 10, 30, 60, 120, 300, 600];
 const WHOLE_IN_S = 60; // a run is played back in about so many seconds, unless asked otherwise
@@ -20,8 +21,8 @@ export class Page {
     this.playing = false;
     this.follows = live !== null;
     this.speed = 60;
+    this.rate = 1;
     this.root = root;
-    this.curvesAt = -1;
     this.listed = -1;
     this.build();
     this.theme = readTheme();
@@ -55,7 +56,7 @@ export class Page {
       make(
         "main",
         { class: "panels" },
-        make("section", { class: "card stage", "aria-label": "World" }, this.choices(), this.worldCanvas, this.legend()),
+        make("section", { class: "card stage", "aria-label": "World" }, this.choices(), this.worldCanvas, legend(this.run, this.world.range)),
         make(
           "div",
           { class: "right" },
@@ -115,27 +116,6 @@ export class Page {
         ),
       ),
     );
-  }
-
-  legend() {
-    const { head } = this.run;
-    const items = [];
-    if (this.run.isPlanar) {
-      items.push(make("span", {}, make("i", { class: "swatch", style: "background:#f6ecd8" }), "free"));
-      items.push(make("span", {}, make("i", { class: "swatch", style: "background:#7a3d34" }), "solid"));
-    } else {
-      const [low, high] = this.world.range.map((level) => head.scale.low + (level - 1) * head.scale.step);
-      const bar = make("i", { class: "bar", style: `background:${scaleGradient()}` });
-      items.push(make("span", {}, `${low.toFixed(1)} m`, bar, `${high.toFixed(1)} m elevation`));
-    }
-    items.push(make("span", {}, make("i", { class: "swatch pale" }), "paler: told by team-mates, not seen itself"));
-    const kinds = make("span", { class: "kinds" }, "on the air:");
-    for (const [kind, colour] of Object.entries(KIND_COLOURS)) {
-      kinds.append(make("span", {}, make("i", { class: "line", style: `background:${colour}` }), kind));
-    }
-    items.push(kinds);
-    items.push(make("span", {}, "dashed: planned way and look"));
-    return make("div", { class: "legend" }, ...items);
   }
 
   timeBar() {
@@ -265,9 +245,23 @@ export class Page {
 
   // Shows rows that were taken in: to be called after `run.take` and `run.advance`.
   refresh() {
+    this.reckon();
     if (this.follows) this.t = this.end_s;
     this.slider.max = String(Math.max(this.end_s, 1));
     this.draw();
+  }
+
+  // Reckons how many simulated seconds go by in a second, while the run goes on.
+  reckon() {
+    const now = performance.now();
+    if (this.reckoned) this.rate = (1000 * (this.end_s - this.reckoned[1])) / Math.max(now - this.reckoned[0], 1);
+    this.reckoned = [now, this.end_s];
+  }
+
+  // How long, in simulated seconds, a frame stays lit after it has crossed.
+  lit_s() {
+    if (this.playing) return LIT_S * this.speed;
+    return LIT_S * (this.isLive && this.follows ? Math.max(this.rate, 1) : 1);
   }
 
   draw() {
@@ -276,7 +270,7 @@ export class Page {
     this.slider.value = String(this.t);
     this.slider.setAttribute("aria-valuetext", clock(this.t));
     this.clockText.textContent = `${clock(this.t)} / ${clock(this.end_s)}`;
-    this.world.draw(this.t, LIT_S * (this.playing || this.follows ? this.speed : 1), this.theme, this.playing);
+    this.world.draw(this.t, this.lit_s(), this.theme, this.playing);
     for (const { panel, facts, robot } of this.maps) {
       panel.draw(this.t, this.theme, this.playing);
       facts.textContent = this.mapFacts(robot);
@@ -363,27 +357,10 @@ export class Page {
 
   showEnd(end) {
     this.run.end = end;
-    const { summary } = end;
-    const team = summary.team;
-    const words = `${summary.outcome}: ${summary.outcome_reason}`;
+    const { outcome, outcome_reason } = end.summary;
+    const words = `${outcome}: ${outcome_reason}`;
     this.status.textContent = words[0].toUpperCase() + words.slice(1);
-    const facts = [
-      ["simulated", clock(summary.simulated_s)],
-      ["seed", String(summary.seed)],
-      ["mapped", `${(100 * team.coverage).toFixed(1)} % of ${team.observable_cells.toLocaleString("en")} cells that can be seen`],
-      ["elevation error", some(team.elevation_rmse_m, (m) => `${m.toFixed(3)} m rms`)],
-      ["maps", team.maps_equal ? "all equal" : "they differ"],
-      ...Object.entries(summary.mission).map(missionFact),
-    ];
-    const card = (title, ...more) => make("section", { class: "card" }, make("h2", {}, title), ...more);
-    this.tables.replaceChildren(
-      card("What came out", factTable(facts)),
-      card("Robots", robotTable(this.run, summary)),
-      card("Bytes", make("p", { class: "small" }, "Charged bytes, the modem's overhead included."), bytesTable(this.run)),
-      card("Links", make("p", { class: "small" }, "Frames heard, from the robot of the row to that of the column."), linkTable(this.run)),
-      make("details", { class: "card" }, make("summary", {}, "The scenario, complete"), make("pre", { tabindex: "0" }, end.scenario)),
-      make("details", { class: "card" }, make("summary", {}, "Versions"), factTable(Object.entries(end.versions))),
-    );
+    this.tables.replaceChildren(...endCards(this.run, end));
   }
 
   // --- light and dark ------------------------------------------------------------------------
@@ -401,34 +378,4 @@ export class Page {
     this.coverageChart.restyle();
     this.draw();
   }
-}
-
-// What a mission's figure says, e.g. ["cliffbot reached", "yes"].
-function missionFact([key, value]) {
-  if (typeof value === "boolean") return [key.replaceAll("_", " "), value ? "yes" : "no"];
-  if (key.endsWith("_at_s")) return [key.slice(0, -5).replaceAll("_", " "), some(value, (t) => `at ${clock(t)}`)];
-  return [key.replaceAll("_", " "), some(value, String)];
-}
-
-// The page's colours as a canvas wants them.
-export function readTheme() {
-  const probe = make("span", { hidden: true });
-  document.body.append(probe);
-  const colour = (name) => {
-    probe.style.color = `var(--${name})`;
-    return getComputedStyle(probe).color;
-  };
-  const rgb = (name) => colour(name).match(/\d+/g).slice(0, 3).map(Number);
-  const theme = {
-    ink: colour("ink"),
-    muted: colour("muted"),
-    line: colour("line"),
-    panel: colour("panel"),
-    bad: colour("bad"),
-    rock: rgb("rock"),
-    floor: [rgb("floor-free"), rgb("floor-solid")],
-    font: `500 12px ${getComputedStyle(document.body).fontFamily}`,
-  };
-  probe.remove();
-  return theme;
 }

@@ -94,6 +94,8 @@ class Live {
     this.goButton.textContent = paused ? "Let it run" : "Pause the run";
     this.goButton.setAttribute("aria-keyshortcuts", "Space");
     for (const part of [this.goButton, this.stepButton, this.speeds]) part.disabled = !has_pace || this.over;
+    if (paused) this.page.rate = 1;
+    this.page.draw();
     if (!this.over) this.page.status.textContent = paused && !steps ? "Paused" : "Running";
   }
 

@@ -117,3 +117,33 @@ export function eventText(run, [robot, t, what, detail]) {
   const known = typeof robot === "number" ? run.robots[robot] : null;
   return { t, what, detail, name: known ? known.name : robot, colour: known ? known.colour : null, time: clock(t) };
 }
+
+// All that is told of a run that has ended, as cards.
+export function endCards(run, { summary, scenario, versions }) {
+  const team = summary.team;
+  const facts = [
+    ["simulated", clock(summary.simulated_s)],
+    ["seed", String(summary.seed)],
+    ["mapped", `${(100 * team.coverage).toFixed(1)} % of ${team.observable_cells.toLocaleString("en")} cells that can be seen`],
+    ["elevation error", some(team.elevation_rmse_m, (m) => `${m.toFixed(3)} m rms`)],
+    ["maps", team.maps_equal ? "all equal" : "they differ"],
+    ...Object.entries(summary.mission).map(missionFact),
+  ];
+  const card = (title, ...more) => make("section", { class: "card" }, make("h2", {}, title), ...more);
+  const note = (words) => make("p", { class: "small" }, words);
+  return [
+    card("What came out", factTable(facts)),
+    card("Robots", robotTable(run, summary)),
+    card("Bytes", note("Charged bytes, the modem's overhead included."), bytesTable(run)),
+    card("Links", note("Frames heard, from the robot of the row to that of the column."), linkTable(run)),
+    make("details", { class: "card" }, make("summary", {}, "The scenario, complete"), make("pre", { tabindex: "0" }, scenario)),
+    make("details", { class: "card" }, make("summary", {}, "Versions"), factTable(Object.entries(versions))),
+  ];
+}
+
+// What a mission's figure says, e.g. ["cliffbot reached", "yes"].
+function missionFact([key, value]) {
+  if (typeof value === "boolean") return [key.replaceAll("_", " "), value ? "yes" : "no"];
+  if (key.endsWith("_at_s")) return [key.slice(0, -5).replaceAll("_", " "), some(value, (t) => `at ${clock(t)}`)];
+  return [key.replaceAll("_", " "), some(value, String)];
+}
