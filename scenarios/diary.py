@@ -2,8 +2,8 @@
 
 MessagePack under topics of their own, in the log that also tells what it was handed
 (`scenarios.handed`). `run.mcap`, exports and what is sent live to ROS 2 are made of these notes.
-A map's first note holds all known cells, each later one those that changed by more than rounding;
-the last one of a robot that lived to the end is whole and unrounded again.
+A life's first note of its map holds all known cells, each later one those that changed by more than
+rounding; the last one of a robot that lived to the end is whole and unrounded again.
 """
 
 import contextlib
@@ -115,17 +115,13 @@ class Diary:
             if before is None:
                 before = np.full(self._frame.shape, np.nan, np.float32)
             changed |= (values != before) & ~(np.isnan(values) & np.isnan(before))
-        self._noted = layers
+        fresh, self._noted = whole or not self._noted, layers
         frame = self._frame
         place = (frame.x_m, frame.y_m, frame.cell_m, frame.rows, frame.cols)
         cells = np.flatnonzero(changed).astype("<i4")
         told = {name: _shuffled(values[changed]) for name, values in layers.items()}
-        wire = (
-            place,
-            whole,
-            zlib.compress(_bytes_apart(np.diff(cells, prepend=0).astype("<i4")), 1),
-            told,
-        )
+        steps = np.diff(cells, prepend=0).astype("<i4")
+        wire = (place, fresh, zlib.compress(_bytes_apart(steps), 1), told)
         self._log.keep(TEAM_MAP, _packed(wire), t_ns)
 
 
@@ -163,13 +159,13 @@ def draw(chart: Chart | None, data: bytes) -> Chart:
     The chart that was given is not changed. Raises NoteError if there is no map in the message.
     """
     with _reading(TEAM_MAP):
-        place, whole, told_cells, told = msgpack.unpackb(data)
+        place, fresh, told_cells, told = msgpack.unpackb(data)
         frame = GridFrame(*place)
         steps = _bytes_together(zlib.decompress(told_cells), "<i4")
         cells = np.cumsum(steps, dtype=np.int64)
         layers: dict[str, Singles] = {}
         for name, values in told.items():
-            kept = None if chart is None or whole else chart.layers.get(name)
+            kept = None if chart is None or fresh else chart.layers.get(name)
             grid = np.full(frame.shape, np.nan, np.float32) if kept is None else kept.copy()
             grid.ravel()[cells] = _bytes_together(zlib.decompress(values), "<f4")
             layers[name] = grid

@@ -69,6 +69,19 @@ def test_what_has_not_changed_costs_next_to_nothing(tmp_path: Path) -> None:
     assert np.isfinite(draw(draw(None, first.data), second.data).layers["elevation"]).any()
 
 
+def test_a_new_life_begins_with_its_own_map(tmp_path: Path) -> None:
+    charts: list[Chart] = []
+    for life in (0, 1):
+        one = grids("elevation", np.random.default_rng(life))
+        log = LogFile(tmp_path / "a.mcap")
+        Diary(log, FRAME, NS).map(0, one)
+        log.close()
+        (note,) = LogTail(tmp_path / "a.mcap", "a").read(MAPS)
+        charts.append(draw(charts[-1] if charts else None, note.data))
+        unknown = np.isnan(charts[-1].layers["elevation"])
+        assert np.array_equal(unknown, np.isnan(one["elevation"]))
+
+
 def test_maps_are_due_at_whole_multiples(tmp_path: Path) -> None:
     log = LogFile(tmp_path / "a.mcap")
     book = Diary(log, FRAME, 5 * NS)

@@ -259,6 +259,14 @@ def test_rerun_draws_a_merged_run(merged: Any) -> None:
     assert not any("McapMessage:data" in line for line in chunks), "raw bytes"
 
 
+def test_names_are_such_as_ros_allows() -> None:
+    told = ["recon", "anchor-left", "a--b", "c-_d", "e-"]
+    assert [bag.ros_name(name) for name in told] == ["recon", "anchor_left", "a_b", "c_d", "e"]
+    bag.check_names(told)
+    with pytest.raises(BagError, match="'a--b' and 'a_b' would both be 'a_b'"):
+        bag.check_names([*told, "a_b"])
+
+
 def test_maps_are_written_sparsely() -> None:
     assert bag.spread(list(range(7)), 8) == list(range(7))
     chosen = bag.spread(list(range(1000)), 8)
@@ -392,6 +400,7 @@ def test_a_run_with_ros_beside_it_leaves_the_same_records(tmp_path: Path) -> Non
     finally:
         hub.close()
     assert told
+    assert not (tmp_path / "alone" / "run.mcap").exists(), "none was asked for"
     names = [path.name for path in (tmp_path / "alone").glob("*.mcap")]
     for name in [*RECORDS, *names]:
         assert (tmp_path / "alone" / name).read_bytes() == (

@@ -5,7 +5,8 @@ Rerun and the Foxglove family draw it as it is. Maps are written sparsely: occup
 """
 
 import os
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -122,8 +123,25 @@ def grid_topic(chart: Chart) -> str:
 
 
 def ros_name(robot: str) -> str:
-    """Return a robot's name as ROS allows it: letters, digits and underscores."""
-    return robot.replace("-", "_")
+    """Return a robot's name as ROS allows it: letters, digits and single underscores."""
+    return re.sub("[-_]+", "_", robot).rstrip("_")
+
+
+def check_names(robots: Iterable[str]) -> None:
+    """Refuse a team of which two would have one name in ROS.
+
+    Raises:
+        BagError: there are two such.
+
+    """
+    named: dict[str, str] = {}
+    for robot in robots:
+        other = named.setdefault(ros_name(robot), robot)
+        if other != robot:
+            raise BagError(
+                f"robots {other!r} and {robot!r} would both be {ros_name(robot)!r} in ROS, where"
+                " '-' is '_'; rename one"
+            )
 
 
 def thinned(way: list[tuple[int, Pose]]) -> list[tuple[int, Pose]]:
@@ -169,6 +187,7 @@ def write_bag(run: Path, out: Path | None = None) -> Path:
     if any(out in lives for lives in logs_of(run).values()):
         raise BagError(f"{out}: is the log of a robot called {out.stem!r}; give it another name")
     notes = notes_of(run)
+    check_names(notes)
     if not any(notes.values()):
         raise BagError(
             f"{run}: its robots' logs hold neither maps nor poses; only a run by this version or a"

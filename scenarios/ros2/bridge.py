@@ -19,7 +19,7 @@ from comms.ros2_zenoh import ROUTER, RosNode
 from scenarios import diary
 from scenarios.diary import LogTail, Note
 from scenarios.ros2 import messages
-from scenarios.ros2.bag import Stamped, Teller
+from scenarios.ros2.bag import Stamped, Teller, check_names
 from scenarios.ros2.cdr import encode
 from scenarios.ros2.types import HASHES
 from scenarios.schema import load
@@ -101,6 +101,7 @@ def serve(run: Path, endpoint: str, domain: int, *, until_eof: bool = False) -> 
     """
     os.nice(NICENESS)
     robots = list(load(str(run / "scenario.toml")).robots)
+    check_names(robots)
     node = RosNode(endpoint, domain=domain)
 
     def send(one: Stamped) -> None:
