@@ -69,6 +69,9 @@ def look_again(run: Path, robot: str, number: int) -> OneLook:
             f"{run}: its robots saw with sensor.kind = {kind!r}, which has no images; must be a run"
             " with sensor.kind = 'stereo'"
         )
+    if robot not in scenario.robots:
+        team = ", ".join(scenario.robots)
+        raise UsageError(f"--robot {robot}: there is no such robot; must be one of {team}")
     keeper = _Keeper(number)
     with tempfile.TemporaryDirectory(prefix="ropeteam-show-") as folder:
         watch(run, robot, Path(folder) / "again", keeper.meet, until_s=_time_s(run, robot, number))

@@ -23,11 +23,12 @@ from planar_helpers import (
 
 from agents import planar
 from agents.information import binary_entropy, plogp, stretched
-from agents.planar import MethodError, methods
+from agents.planar import methods
 from agents.planar.casting import HALF, first_ray
 from agents.planar.methods import BINS, RINGS, Memory, Raster
 from agents.planar.scene import Means
 from agents.planar.sensing import MAPPED
+from comms.plugins import PluginError
 
 RATED = ("max-new", "min-old", "information", "information-entropy", "information-voxel")
 EAST = np.array([first_ray(0.0, 90)])
@@ -288,5 +289,5 @@ def test_random_takes_any_candidate_and_raster_goes_row_by_row() -> None:
 
 
 def test_a_method_that_does_not_exist_is_refused() -> None:
-    with pytest.raises(MethodError, match='"best"; there are: random, raster'):
+    with pytest.raises(PluginError, match='"best"; there are: random, raster'):
         planar.method("best", SENSOR, DRIVE, PLANNER)

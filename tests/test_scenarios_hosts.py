@@ -32,7 +32,16 @@ def plan_of(scenario: Scenario, folder: Path) -> Plan:
     name = next(iter(scenario.robots))
     observable = np.ones(stage.terrain.frame.shape, dtype=bool)
     place = {"pose": Pose(1.0, 2.0, 3.0, 0.5), "tether_m": 4.0, "baseline": {"a#0": 3}}
-    plan = Plan(scenario, name, stage.terrain, observable, stage.starts, stage.goal_m, folder)
+    plan = Plan(
+        scenario=scenario,
+        name=name,
+        terrain=stage.terrain,
+        observable=observable,
+        starts=stage.starts,
+        goal_m=stage.goal_m,
+        landmarks={"lander": Pose(5.0, 6.0, 0.5, 0.0)},
+        folder=folder,
+    )
     return replace(plan, **place, segments=(("x", 1, 2.0),), link_events=(1, 2))
 
 

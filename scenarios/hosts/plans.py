@@ -57,6 +57,7 @@ def pack_plan(plan: Plan) -> bytes:
         "frame": [frame.x_m, frame.y_m, frame.cell_m, frame.rows, frame.cols],
         "start_cell": list(world.start) if isinstance(world, PlanarWorld) else None,
         "starts": {name: _pose(pose) for name, pose in plan.starts.items()},
+        "landmarks": {name: _pose(pose) for name, pose in plan.landmarks.items()},
         "pose": None if plan.pose is None else _pose(plan.pose),
         "arrays": stream.getvalue(),
     }
@@ -82,6 +83,7 @@ def unpack_plan(data: bytes, folder: Path, endpoint: str) -> Plan:
             terrain=_world(GridFrame(*facts["frame"]), arrays, start_cell),
             observable=arrays["observable"],
             starts={name: Pose(*values) for name, values in facts["starts"].items()},
+            landmarks={name: Pose(*values) for name, values in facts["landmarks"].items()},
             pose=None if pose is None else Pose(*pose),
             folder=folder,
             endpoint=endpoint,

@@ -120,7 +120,7 @@ def _outline(axes: "Axes", row: Row, colour: str) -> None:
 
 def _draw_top(axes: "Axes", method: str, grids: Grids, rows: Sequence[Row]) -> None:
     looks = [r for r in rows if r["row"] == "look" and r["method"] == method and r["seed"] == 1]
-    axes.set_title(f"{method}: mapped after {len(looks)} looks")
+    axes.set_title(f"{method}, {len(looks)} looks")
     _image(axes, grids["ground"], "Greys_r", alpha=0.55)
     _mask(axes, grids["known"], "#0072b2", 0.45)
     _outline(axes, grids["poor"], "#d55e00")
@@ -130,14 +130,14 @@ def _draw_top(axes: "Axes", method: str, grids: Grids, rows: Sequence[Row]) -> N
 
 
 def _draw_interest(axes: "Axes", grids: Grids) -> None:
-    axes.set_title("Interest (Eq. 9), white: all; orange: poor texture")
+    axes.set_title("Interest; orange: poor texture")
     _image(axes, grids["interest"], "magma", vmin=0.0, vmax=1.0)
     _outline(axes, grids["poor"], "#d55e00")
     axes.set_ylabel("north, m")
 
 
 def _draw_regions(axes: "Axes", grids: Grids) -> None:
-    axes.set_title(f"Look {SHOWN_LOOK}: expected (line), acquired (black)")
+    axes.set_title(f"Look {SHOWN_LOOK}: expected (red), got")
     if "expected" not in grids:
         return
     _mask(axes, grids["before"], MUTED, 0.5)
