@@ -60,8 +60,9 @@ def test_a_team_maps_what_can_be_seen_and_says_that_it_is_done(pair: Ran) -> Non
 def test_a_run_that_ends_because_looks_ran_out_says_so(folder: Path) -> None:
     ran = run_of(small("robots.count=1", "planner.max_looks=3"), folder / "spent")
     assert ran.summary["outcome"] == "partial"
-    assert "explorer-1 took all looks allowed (planner.max_looks = 3)" in (
-        ran.summary["outcome_reason"]
+    assert (
+        "explorer-1 took all looks allowed (planner.max_looks = 3)"
+        in (ran.summary["outcome_reason"])
     )
     assert ran.events("explorer-1", "explored") == []
     assert len([row for row in ran.table("looks") if row["robot"] == "explorer-1"]) == 3
