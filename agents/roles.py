@@ -32,6 +32,8 @@ ASK_AGAIN_S = 120.0
 """A robot for which nothing is left to gain asks again so often, if its map has changed."""
 SEARCH_S = 60.0
 """A lost robot that saw nothing known looks round again after so long."""
+SEARCH_ROUNDS = 20
+"""It looks round so often; then it waits to be seen."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
 STAND_COST = 10.0
@@ -70,10 +72,12 @@ async def search(robot: Robot) -> None:
         return
     robot.set_activity("searching")
     robot.log.event("lost", "it does not know where it starts; nobody takes in its map")
+    rounds = 0
     while not robot.located:
         for pan_rad, tilt_rad in robot.mapper.first_looks:
-            if robot.looks < robot.settings.planner.max_looks // 2 and not robot.located:
+            if rounds < SEARCH_ROUNDS and not robot.located:
                 await robot.look(wrap_angle(pan_rad), tilt_rad)
+        rounds += 1
         if not robot.located:
             await asyncio.sleep(SEARCH_S)
 

@@ -68,9 +68,5 @@ def bin_look(
         + var_z
         + slope2 * (0.5 * (var_x + var_y) + reach**2 * var_yaw)
     )
-    return LookCells(
-        used // frame.cols,
-        used % frame.cols,
-        mean,
-        1.0 / total + spread / np.minimum(count, INDEPENDENT) + common,
-    )
+    variance = 1.0 / total + spread / np.minimum(count, INDEPENDENT) + common
+    return LookCells(used // frame.cols, used % frame.cols, mean, variance)
