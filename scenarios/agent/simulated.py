@@ -13,6 +13,7 @@ from agents.ports import Hardware
 from scenarios.agent.hardware import Mount
 from scenarios.schema import load
 from scenarios.stage import set_stage
+from sim.ground import Terrain
 from sim.motion import Motions, Segment
 from sim.rig import make_rig
 
@@ -38,8 +39,9 @@ def make(mount: Mount) -> Hardware:
     scenario = load(str(beside) if beside.is_file() else name, changes, mount.option("seed", 1))
     terrain = set_stage(scenario).terrain
     place = file.start
-    height_m = getattr(terrain, "height_m", lambda _x, _y: 0.0)(place.x_m, place.y_m)
-    start = Pose(place.x_m, place.y_m, float(height_m), math.radians(place.yaw_deg))
+    on_ground = isinstance(terrain, Terrain)
+    height_m = terrain.height_m(place.x_m, place.y_m) if on_ground else 0.0
+    start = Pose(place.x_m, place.y_m, height_m, math.radians(place.yaw_deg))
     motions = Motions()
     motions.add(Segment(file.name, 0, 0, start, start))
     luck = np.random.default_rng([file.seed, *file.name.encode()]).spawn(2)

@@ -41,7 +41,7 @@ class PlanError(Exception):
 def pack_plan(plan: Plan) -> bytes:
     """Return a plan as bytes; folder, endpoint and wall clock are the receiver's own affair."""
     world = plan.terrain
-    arrays = {"observable": plan.observable}
+    arrays: dict[str, Any] = {"observable": plan.observable}
     if isinstance(world, Terrain):
         arrays |= {"elevation_m": world.elevation_m, "texture": world.texture}
         if world.edge_m is not None:
