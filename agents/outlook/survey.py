@@ -83,7 +83,8 @@ class Survey:
 
     def _sums(self, site: Site, worth: Floats, headings_rad: Floats, tilts_rad: Floats) -> Floats:
         weights = site.chance * worth[site.cells]
-        bins = np.bincount(site.bins, weights, ANGLE_BINS * AZIMUTH_BINS)
+        bins: Floats = np.zeros(ANGLE_BINS * AZIMUTH_BINS)
+        bins += np.bincount(site.bins, weights, ANGLE_BINS * AZIMUTH_BINS)
         return gaze.look_gains(
             bins.reshape(ANGLE_BINS, AZIMUTH_BINS), headings_rad, tilts_rad, self.lens
         )

@@ -27,13 +27,14 @@ def drawing(title: str) -> Callable[["Figure", Sequence[Row]], None]:
         height = 5.2 + (9.6 if shown else 0.0)
         figure.set_size_inches(15, height)
         figure.suptitle(title, x=0.012, ha="left", fontsize=16, fontweight="bold")
-        parts = figure.subfigures(2 if shown else 1, 1, height_ratios=[5.2, 9.6][: 1 + bool(shown)])
-        above = parts[0] if shown else parts
+        heights = [5.2, 9.6] if shown else [5.2]
+        parts: Any = figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)
+        above = parts[0, 0]
         mapped, agreed = above.subplots(1, 2, width_ratios=[1.2, 1])
         _draw_mapped(mapped, rows)
         _draw_agreed(agreed, rows)
         if shown:
-            panels = parts[1].subplots(3, len(shown), squeeze=False)
+            panels = parts[1, 0].subplots(3, len(shown), squeeze=False)
             for column, name in enumerate(shown):
                 grids = _grids(rows, name)
                 _draw_top(panels[0][column], name, grids, rows)
