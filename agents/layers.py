@@ -8,11 +8,15 @@ anchor. What a submap keeps of a cell is its kind's own affair (`agents.maps`).
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
+from agents.voxel.frame import VoxelSet
+
+Mask = Bools | VoxelSet
+"""Cells of a map: an array (rows, cols), or a set of voxels."""
 
 YAW_STEP_RAD = 1e-4
 VARIANCE_STEPS = 4.0
@@ -104,8 +108,8 @@ class Submap(Protocol):
     anchor: Anchor
 
     @property
-    def known(self) -> Bools:
-        """Mask of the cells that were measured, (rows, cols)."""
+    def known(self) -> Mask:
+        """The cells that were measured."""
         ...
 
     @property
@@ -113,8 +117,8 @@ class Submap(Protocol):
         """A number that grows with every change of the cells."""
         ...
 
-    def take(self, other: Self, cells: Bools) -> None:
-        """Take over the cells of a mask (rows, cols) from another submap."""
+    def take(self, other: Self, cells: Any) -> None:
+        """Take over some cells, a mask of its own form, from another submap."""
         ...
 
     def cells(self) -> list[bytes]:
@@ -156,7 +160,7 @@ class OwnLayer(Generic[S]):
 
     def known_cells(self) -> int:
         """Count the known (submap, cell) entries."""
-        return sum(int(np.count_nonzero(s.known)) for s in self.submaps)
+        return sum(int(s.known.sum()) for s in self.submaps)
 
 
 def drawn_at(submap_from: Anchor, xy_m: Floats) -> Floats:

@@ -11,50 +11,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Generic
 
-import numpy as np
-
-from agents.geometry import Bools, GridFrame
 from agents.layers import Anchor, OwnLayer
-from agents.maps.kind import EVERYWHERE, E, MapKind, S, Window
+from agents.maps.kind import EVERYWHERE, E, MapKind, Mask, S
 from agents.store import AnchorKey, Origin, Store, TileKey
+from agents.tiles import TileGrid
 
-
-@dataclass(frozen=True)
-class TileGrid:
-    """How the team grid is cut into square tiles, row by row from the south-west."""
-
-    frame: GridFrame
-    tile_cells: int
-
-    @property
-    def across(self) -> int:
-        """Tiles in one row."""
-        return -(-self.frame.cols // self.tile_cells)
-
-    @property
-    def count(self) -> int:
-        """Tiles in all."""
-        return self.across * -(-self.frame.rows // self.tile_cells)
-
-    def window(self, tile: int) -> Window:
-        """Return the cells of a tile; tiles at the north and east edge may be smaller."""
-        row, col = divmod(tile, self.across)
-        side = self.tile_cells
-        return (
-            slice(row * side, min((row + 1) * side, self.frame.rows)),
-            slice(col * side, min((col + 1) * side, self.frame.cols)),
-        )
-
-    def shape(self, tile: int) -> tuple[int, int]:
-        """Return a tile's rows and columns."""
-        rows, cols = self.window(tile)
-        return rows.stop - rows.start, cols.stop - cols.start
-
-    def touched(self, mask: Bools) -> list[int]:
-        """Return the tiles in which a mask (rows, cols) has a cell."""
-        rows, cols = np.nonzero(mask)
-        tiles = (rows // self.tile_cells) * self.across + cols // self.tile_cells
-        return [int(t) for t in np.unique(tiles)]
+__all__ = ["TeamMap", "TileGrid"]
 
 
 @dataclass(frozen=True)
@@ -169,14 +131,14 @@ class TeamMap(Generic[S, E]):
     def known_entries(self) -> int:
         """Count the known (origin, submap, cell) entries, own unpublished cells included."""
         heard = sum(
-            int(np.count_nonzero(tile.known))
+            int(tile.known.sum())
             for key, tiles in self._drawn.items()
             for tile in tiles.values()
             if Origin(key.robot, key.incarnation) != self.me
         )
         return heard + self.own.known_cells()
 
-    def published_mask(self, origin: Origin, submap: int) -> Bools:
+    def published_mask(self, origin: Origin, submap: int) -> Mask:
         """Return the cells of a submap of which anything was published (and is here)."""
         return self._drawing(AnchorKey(*origin, submap)).known
 

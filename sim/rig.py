@@ -9,8 +9,8 @@ import numpy as np
 from agents.geometry import Pose
 from agents.ports import Camera, Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
+from agents.voxel.ground import Build
 from sim.camera import RangeCamera
-from sim.ground import Terrain
 from sim.motion import Motions, Segment
 from sim.planar import PlanarBody, PlanarCamera
 from sim.planar_world import PlanarWorld
@@ -18,7 +18,10 @@ from sim.rover import RoverBody
 from sim.stereo.camera import StereoCamera, make_stage
 from sim.stereo.settings import LightSettings
 from sim.tethered import TetheredBody
+from sim.voxel.robot import VoxelBody, VoxelCamera
+from sim.voxel.world import VoxelWorld
 from sim.winch import SimWinch
+from sim.worlds import World
 
 MAPPERS = ("recon", "explorer")
 """Roles that have a camera, on a mast."""
@@ -41,7 +44,7 @@ def make_rig(
     name: str,
     roles: dict[str, str],
     *,
-    terrain: Terrain | PlanarWorld,
+    terrain: World,
     motions: Motions,
     publish: Callable[[Segment], None],
     delay_ns: int,
@@ -80,6 +83,13 @@ def make_rig(
         planar = PlanarCamera(terrain, sensor, on_floor.pose_now, camera_rng)
         hardware = Hardware(body=on_floor, camera=planar)
         return Rig(hardware, delay_ns, lambda: on_floor.hazards_hit)
+    if isinstance(terrain, VoxelWorld):
+        ground = terrain.ground(Build.of(drive, sensor, terrain.frame.cell_m))
+        inside = VoxelBody(
+            name, terrain, ground, drive, start, publish, body_rng, start_ns=start_ns
+        )
+        eyes = VoxelCamera(terrain, sensor, inside.pose_now, camera_rng)
+        return Rig(Hardware(body=inside, camera=eyes), delay_ns, lambda: inside.hazards_hit)
     if role == "cliffbot":
         body = TetheredBody(
             name, terrain, drive, start, publish, body_rng, tethers=tethers, start_ns=start_ns
