@@ -8,10 +8,13 @@ import numpy as np
 
 from agents.geometry import Floats, Ints, Pose, wrap_angle
 from agents.mapper import Expected, NextLook
+from agents.maps.planar import MAPPED
 from agents.maps.voxellook import chances, look_odds
+from agents.member import GATE
 from agents.ports import Exposure
 from agents.voxel.choosing import method
 from agents.voxel.frame import CUBE, Block, VoxelFrame, VoxelSet, by_block
+from agents.voxel.matching import match
 from agents.voxel.scene import Scene
 from agents.voxel.view import Means, VoxelView
 
@@ -58,8 +61,29 @@ class VoxelMapper:
         return Expected(float(p.sum()), p)
 
     async def localise(self, exposure: Exposure) -> None:
-        """Leave the pose to odometry: looks are not held against the map here."""
-        del exposure
+        """Hold the look against the map, and correct the pose by it.
+
+        The map lies no better than its anchors: their covariance is added.
+        """
+        robot = self.robot
+        if not robot.own.submaps:
+            return
+        scene = Scene(self.view(), self._means)
+        found = await asyncio.to_thread(
+            match,
+            scene.packed.index,
+            scene.charted,
+            self.frame,
+            _panned(robot.pose, exposure.pan_rad),
+            exposure.tilt_rad,
+            robot.filter.covariance,
+            exposure.ranges_m,
+            self.settings.sensor,
+        )
+        if found is not None:
+            stood = _panned(found.pose, -exposure.pan_rad)
+            anchor = np.diag(robot.own.submaps[-1].anchor.variance)
+            robot.filter.fix(stood, found.covariance + anchor, gate=GATE)
 
     async def fuse(self, exposure: Exposure, expected: Expected) -> None:
         """Add one look's log-odds to the own layer."""
@@ -76,20 +100,28 @@ class VoxelMapper:
         )
         submap.observe(look)
         measured = VoxelSet.of(look.cells)
-        self._note(measured)
         robot.looked(index, exposure, expected.cells, measured, measured & ~known_before)
+        self._lose_interest()
 
-    def _note(self, measured: VoxelSet) -> None:
-        """Lose interest in what was expected and not measured, and regain it otherwise (Eq. 9)."""
+    def _lose_interest(self) -> None:
+        """Lose interest in what the look was expected to map, and did not (Eq. 9).
+
+        A cell in which rays are now stopped and now not is measured by every look, and mapped by
+        none: so being measured does not win interest back, as on other maps; mapped cells need
+        none.
+        """
         beta = self.settings.planner.beta
         cells, p = self._expected
         likely = p > LEAST_P
+        cubes = self.robot.team.fused().cubes
         for block, which, places in by_block(cells[likely]):
-            share = self._interest.setdefault(block, np.ones(CUBE))
-            share.ravel()[places] *= np.exp(-beta * p[likely][which])
-        for block, mask in measured.masks.items():
-            if block in self._interest:
-                self._interest[block][mask] = 1.0
+            share = self._interest.setdefault(block, np.ones(CUBE)).ravel()
+            cube = cubes.get(block)
+            if cube is None:
+                missed = np.ones(len(places), dtype=np.bool_)
+            else:
+                missed = np.abs(cube.log_odds.ravel()[places]) <= MAPPED
+            share[places[missed]] *= np.exp(-beta * p[likely][which[missed]])
 
     @property
     def _means(self) -> Means:

@@ -1,7 +1,12 @@
 """One look into space, cell by cell: what a voxel map takes in.
 
-How sure a look makes a cell is as on a floor (`agents.planar.sensing`): by the error of a range,
-and of the rays that cross a cell the majority decides.
+A ray ends half a cell behind the face that it met, and frees the cells that it has left before.
+How sure it can be of a cell is as on a floor (`agents.planar.sensing`): by the error of its range.
+Of the rays of one look the majority decides, and the look is as sure as their majority is large,
+
+    l = +-l(range) |passed - ended| / (passed + ended),
+
+for a cell at whose corner half of the rays end is a surface's edge, not half of a wall.
 """
 
 import math
@@ -10,15 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Floats, Ints, Pose
-from agents.planar.sensing import evidence, sigma_m
+from agents.planar.sensing import evidence
 from agents.settings import SensorSettings
 from agents.voxel.frame import VoxelFrame
 from agents.voxel.rays import crossings, ray_directions
 from comms import kernels
 from comms.kernels import kernel
 
-DEEPEST = 0.5
-"""A ray ends in the cell that lies a range error behind what it met, at most so many cells."""
+BEHIND = 0.5
+"""A ray ends in the cell that lies so many cells behind the face that it met."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +57,8 @@ def _sweep(
 ) -> None:
     """Count, per cell of a cube about the eye, rays that passed and rays that ended there.
 
-    As `agents.planar.sensing`: a ray that came back passed those cells whose middle lies before
-    the face, and tells nothing of what it crosses between there and its end.
+    A ray that came back passed the cells that it left before the face, and tells nothing of what it
+    crosses between there and its end.
     """
     side = votes.shape[1]
     most = 3 * side + 8
@@ -66,7 +71,7 @@ def _sweep(
                 break
             if n == count - 1 and face[k] < np.inf:
                 votes[1, z, y, x] += 1
-            elif n == count - 1 or 0.5 * (entry[n] + entry[n + 1]) < face[k]:
+            elif n == count - 1 or entry[n + 1] <= face[k]:
                 votes[0, z, y, x] += 1
 
 
@@ -87,14 +92,13 @@ def look_odds(
     """
     cell_m = frame.cell_m
     hit = np.isfinite(ranges_m)
-    behind = np.clip(2.0 * sigma_m(np.where(hit, ranges_m, 0.0), sensor) / cell_m, 0.1, DEEPEST)
-    reach = np.where(hit, ranges_m / cell_m + behind, sensor.range_m / cell_m)
+    reach = np.where(hit, ranges_m / cell_m + BEHIND, sensor.range_m / cell_m)
     start = frame.at(*eye_of(pose, sensor))
     half = math.ceil(sensor.range_m / cell_m) + 2
     low = np.floor(start).astype(np.int64) - half
     votes = np.zeros((2, *(2 * half + 1,) * 3), dtype=np.int32)
     _sweep(votes, low, start, world_rays(sensor, pose.yaw_rad, tilt_rad), reach, ranges_m / cell_m)
-    cells = np.argwhere(votes.any(axis=0))
+    cells = np.argwhere(votes[0] != votes[1])
     free, full = (votes[n][tuple(cells.T)] for n in (0, 1))
     cells += low
     inside = ((cells >= 0) & (cells < np.array(frame.voxels))).all(axis=1)
@@ -102,10 +106,11 @@ def look_odds(
     away_m = (cells + 0.5 - start) * cell_m
     range_m = np.sqrt((away_m**2).sum(axis=1))
     sure = evidence(np.minimum(range_m, sensor.range_m), cell_m, sensor)
+    sure = sure * np.abs(full - free) / (full + free)
     var_x, var_y, var_z, var_yaw = extra_variance
     level = 0.5 * (var_x + var_y) + (away_m[:, 1:] ** 2).sum(axis=1) * var_yaw
     sure = sure / (1.0 + np.maximum(level, var_z) / cell_m**2)
-    return VoxelLook(cells, np.where(full >= free, sure, -sure))
+    return VoxelLook(cells, np.where(full > free, sure, -sure))
 
 
 @kernel

@@ -29,7 +29,7 @@ class Scene:
         """Take a view, and what the robot has."""
         self.view = view
         self.means = means
-        blocks = {*view.map.cubes, *self._stance_blocks()}
+        blocks = {*view.map.cubes, *view.interest, *self._stance_blocks()}
         self.packed = Packed(view.frame, sorted(blocks))
 
     # --- the map, block after block -----------------------------------------------------------
@@ -92,10 +92,15 @@ class Scene:
         return {(int(a), int(b), int(c)) for a, b, c in np.unique(cells // CUBE[0], axis=0)}
 
     @cached_property
+    def charted(self) -> States:
+        """(blocks, 16, 16, 16) what is mapped as free or solid, and nothing else."""
+        states = np.where(self.mapped, np.where(self.log_odds > 0, SOLID, FREE), UNKNOWN)
+        return states.astype(np.int8)
+
+    @cached_property
     def states(self) -> States:
         """(blocks, 16, 16, 16) what is mapped as free or solid, and where the robot stands."""
-        states = np.where(self.mapped, np.where(self.log_odds > 0, SOLID, FREE), UNKNOWN)
-        states = states.astype(np.int8)
+        states = self.charted.copy()
         for cells, state in zip(self._stance_cells(), (SOLID, FREE), strict=True):
             self._assume(states, cells, state)
         return states
