@@ -65,7 +65,7 @@ def planar_look(rng: np.random.Generator) -> LookOdds:
 
 def voxel_look(rng: np.random.Generator) -> VoxelLook:
     """Measure a random box of space, with holes; always truly, now more and now less so."""
-    size = rng.integers(3, 12, 3)
+    size = rng.integers(3, 8, 3)
     low = [int(rng.integers(0, n - 3)) for n in SPACE.voxels]
     seen = np.zeros(SPACE.voxels, dtype=bool)
     seen[tuple(slice(a, a + n) for a, n in zip(low, size, strict=True))] = True

@@ -186,6 +186,6 @@ def _warm() -> None:
     sensor = SensorSettings(columns=4, rows=4, range_m=2.0)
     frame = VoxelFrame(0.0, 0.0, 1.0, 16, 16)
     pose = Pose(8.0, 8.0, 4.0, 0.0)
-    look_odds(np.full(16, np.inf), pose, 0.0, frame, sensor, extra_variance=(0.0,) * 4)
+    look_odds(np.full(16, np.inf), pose, 0.0, frame, sensor, extra_variance=(0.0, 0.0, 0.0, 0.0))
     through = np.ones((1, 16, 16, 16), dtype=np.float32)
     chances(np.zeros((1, 1, 1), dtype=np.int32), through, 0.9, pose, 0.0, frame, sensor)
