@@ -24,8 +24,9 @@ PAIR = ("explorer-1", "explorer-2")
 def small(*overrides: str) -> Scenario:
     """Return two explorers in a small cave, who see 5 m far: a few seconds of computing."""
     sets = (
-        "air=memory", "world.window_m=[13.0, 11.0]", "world.cave.chambers=1",
-        "world.cave.height_m=5.0", "sensor.range_m=5", "sensor.columns=56", "sensor.rows=48",
+        "air=memory", "world.window_m=[11.0, 10.0]", "world.cave.chambers=1",
+        "world.cave.height_m=5.0", "world.cell_m=0.35", "drive.climb_m=0.4", "sensor.range_m=5",
+        "sensor.columns=40", "sensor.rows=34",
         "planner.max_candidates=20", "planner.headings=8", "planner.min_gain_cells=80",
         "limit_s=2400",
     )  # fmt: skip

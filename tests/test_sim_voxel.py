@@ -11,6 +11,7 @@ from voxel_helpers import BUILD, CELL_M, EXACT, PLANNER, SENSOR, hall, standing
 
 from agents.geometry import Pose
 from agents.voxel.frame import VoxelFrame
+from agents.voxel.ground import Build
 from sim.errors import WorldError
 from sim.motion import Motions, Segment
 from sim.planar import BUMP, SPACING_M
@@ -47,7 +48,7 @@ def test_a_cave_can_be_gone_through_has_overhangs_and_lies_open_at_its_entrance(
     free = ~solid
     under = free[:-2] & solid[1:-1]
     overhang = under & (np.cumsum(free[::-1], axis=0)[::-1][2:] > 0)
-    assert overhang.sum() > 30, "free below, then rock, then free again"
+    assert overhang.sum() > 15, "free below, then rock, then free again"
     assert solid[:, 0].all()
     assert solid[0].all()
 
@@ -71,17 +72,26 @@ def test_what_can_be_seen_is_what_some_look_sees() -> None:
     ("settings", "words"),
     [
         (CaveSettings(height_m=3.0), "world.cave.height_m = 3: must be at least 4.6"),
-        (CaveSettings(chambers=60, height_m=4.6, roughness=1.0), "must be fewer"),
     ],
 )
 def test_a_cave_that_cannot_be_is_refused(settings: CaveSettings, words: str) -> None:
-    if settings.chambers == 60:
-        small = (6.0, 6.0)
-        with pytest.raises(WorldError, match=words):
-            make_cave(np.random.default_rng(0), settings, window_m=small, cell_m=1.0, build=BUILD)
-        return
     with pytest.raises(WorldError, match=words):
         cave(1, settings)
+
+
+def test_a_window_without_room_for_a_cave_is_refused() -> None:
+    rng = np.random.default_rng(0)
+    with pytest.raises(WorldError, match=r"a cave needs at least \[10, 9\]"):
+        make_cave(rng, CaveSettings(), window_m=(6.0, 6.0), cell_m=CELL_M, build=BUILD)
+
+
+def test_a_robot_that_fits_in_no_tunnel_has_no_cave() -> None:
+    giant = Build(tall=26, climb=0, reach=9.0)
+    settings = CaveSettings(chambers=1)
+    with pytest.raises(WorldError, match="must be fewer"):
+        make_cave(
+            np.random.default_rng(0), settings, window_m=(10.0, 9.0), cell_m=CELL_M, build=giant
+        )
 
 
 # --- files ----------------------------------------------------------------------------------
@@ -105,7 +115,7 @@ def test_a_mesh_is_solid_where_its_surface_is(tmp_path: Path, suffix: str) -> No
     ranges_m = look(world, pose, 0.0, SENSOR, None)
     assert np.isfinite(ranges_m).all(), "no ray slips out"
     level = ranges_m.reshape(SENSOR.rows, SENSOR.columns)[SENSOR.rows // 2, SENSOR.columns // 2]
-    assert level == pytest.approx(3.0, abs=0.3)
+    assert level == pytest.approx(13.0 - pose.x_m, abs=CELL_M + 0.01)
 
 
 def test_a_point_cloud_is_solid_where_its_points_are(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ GRADE = 0.25
 LOW_M, HIGH_M = 0.8, 3.8
 """Floors lie at least so high over the lowest layer, and so far below the highest."""
 TRIES = 30
+LEAST_WINDOW_M = (10.0, 9.0)
 NOISE_M = 2.0
 """Size of the bumps of walls and roofs."""
 COURT_M = (3.4, 3.0)
@@ -100,6 +101,11 @@ def make_cave(
     """
     cols, rows = (round(side / cell_m) for side in window_m)
     frame = VoxelFrame(0.0, 0.0, cell_m, rows, cols, 0.0, round(settings.height_m / cell_m))
+    if window_m[0] < LEAST_WINDOW_M[0] or window_m[1] < LEAST_WINDOW_M[1]:
+        raise WorldError(
+            f"world.window_m = [{window_m[0]:g}, {window_m[1]:g}]: a cave needs at least"
+            f" [{LEAST_WINDOW_M[0]:g}, {LEAST_WINDOW_M[1]:g}]"
+        )
     if settings.height_m < LOW_M + HIGH_M:
         raise WorldError(
             f"world.cave.height_m = {settings.height_m:g}: must be at least {LOW_M + HIGH_M:g}"
@@ -112,7 +118,6 @@ def make_cave(
             continue
         reached = ground.reachable(place)
         layer, row, col = (int(v) for v in ground.cells[place])
-        # The last one reached counts as well: a start that is cut off would be no cave.
         if all(_is_reached(frame, ground.cells[reached], one) for one in goals):
             return VoxelWorld(frame, world.solid, (layer, row, col))
     raise WorldError(

@@ -1,7 +1,8 @@
 """Worlds from meshes and point clouds: the cells that a surface touches are solid.
 
 A mesh is what encloses the free space (a scanned cave, a building's inside), not the rock itself:
-what lies behind its surface is free as well, and nobody gets there.
+what lies behind its surface is free as well, and nobody gets there. About all of it lies one layer
+of solid cells.
 """
 
 from pathlib import Path
@@ -16,8 +17,6 @@ from sim.errors import WorldError
 from sim.voxel.world import VoxelWorld, best_start
 
 SUFFIXES = (".ply", ".obj")
-MARGIN_CELLS = 2
-"""Free cells around everything, and one more that is solid."""
 MOST_CELLS = 200_000_000
 MOST_SAMPLES = 20_000_000
 """Points by which a mesh's triangles are laid over the cells at once."""
@@ -34,7 +33,7 @@ def read_world(path: Path, *, cell_m: float, build: Build) -> VoxelWorld:
     points = _read(path)
     cells = _touched(points, cell_m)
     low, high = cells.min(axis=0), cells.max(axis=0)
-    room = high - low + 1 + 2 * (MARGIN_CELLS + 1)
+    room = high - low + 1 + 2
     if int(np.prod(room)) > MOST_CELLS:
         raise WorldError(
             f"{path}: takes {' x '.join(str(n) for n in room)} cells of {cell_m:g} m; allowed are"
@@ -43,8 +42,8 @@ def read_world(path: Path, *, cell_m: float, build: Build) -> VoxelWorld:
     layers, rows, cols = (int(n) for n in room)
     solid: Bools = np.zeros((layers, rows, cols), dtype=np.bool_)
     solid[[0, -1]] = solid[:, [0, -1]] = solid[:, :, [0, -1]] = True
-    solid[tuple((cells - low + MARGIN_CELLS + 1).T)] = True
-    z, y, x = ((low - MARGIN_CELLS - 1) * cell_m).tolist()
+    solid[tuple((cells - low + 1).T)] = True
+    z, y, x = ((low - 1) * cell_m).tolist()
     frame = VoxelFrame(float(x), float(y), cell_m, rows, cols, float(z), layers)
     return best_start(VoxelWorld(frame, solid, (0, 0, 0)), build)
 
