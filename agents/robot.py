@@ -15,12 +15,14 @@ from agents.briefing import AgentSettings, RobotLog
 from agents.disk import Disk
 from agents.elevationmapper import ElevationMapper
 from agents.fusion import compose
-from agents.geometry import Bools, Floats, Pose, wrap_angle
+from agents.geometry import Floats, Pose, wrap_angle
+from agents.layers import Mask
 from agents.mapper import Mapper, NextLook
 from agents.member import GATE, LEG_M, Member
 from agents.messages import Fix, Status
 from agents.planarmapper import PlanarMapper
 from agents.ports import Exposure, Hardware, Sighting
+from agents.voxelmapper import VoxelMapper
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
@@ -29,6 +31,7 @@ TRAIL_POINTS = 64
 MAPPERS: dict[str, Callable[["Robot"], Mapper]] = {
     "elevation": ElevationMapper,
     "planar": PlanarMapper,
+    "voxel": VoxelMapper,
 }
 """By kind of map."""
 
@@ -128,15 +131,15 @@ class Robot(Member):
         return len(self.own.submaps) - 1, self.own.submaps[-1]
 
     def looked(
-        self, submap: int, exposure: Exposure, expected_cells: float, measured: Bools, new: Bools
+        self, submap: int, exposure: Exposure, expected_cells: float, measured: Mask, new: Mask
     ) -> None:
-        """Note that a look has measured cells (rows, cols) of an own submap, some of them new."""
+        """Note that a look has measured cells of an own submap, some of them new."""
         self.tiles_changed(submap, measured)
         self.log.look(
             exposure,
             expected_cells=expected_cells,
-            obtained_cells=int(np.count_nonzero(measured)),
-            new_cells=int(np.count_nonzero(new)),
+            obtained_cells=int(measured.sum()),
+            new_cells=int(new.sum()),
         )
 
     def _tell_fix(self, index: int, sighting: Sighting, t_s: float) -> None:

@@ -51,6 +51,7 @@ TITLES = {
     "world": "World",
     "world.terrain": "Terrain",
     "world.light": "Light",
+    "world.cave": "Cave",
     "map": "Map",
     "sensor": "Sensor",
     "sensor.stereo": "Stereo cameras",

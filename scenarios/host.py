@@ -266,7 +266,7 @@ class Host:
         if heard is not self._scored:
             self._scored = heard
             bits, error_m = team.kind.bits(heard), self._scorer.error_m(heard)
-            self._map_score = (bits, error_m, int(np.count_nonzero(heard.known)), *self._layers())
+            self._map_score = (bits, error_m, int(heard.known.sum()), *self._layers())
             if self._witness is not None:
                 self._witness.weigh(t_ns, self._scorer.done(heard), heard, self.robot)
         bits, error_m, cells, own_bits, heard_bits = self._map_score
@@ -379,15 +379,14 @@ class Host:
         self.weigh(end_ns)
         status = self.status
         report = self.report()
-        heard = self.robot.team.as_heard()
-        grids = self._scorer.grids(heard)
+        grids = self._scorer.grids(self.robot.team.as_heard())
         self.diary.map(end_ns, grids, whole=True)
         speed = self.scenario.clock.speed
         report.final = {
             **status,
             "lags_s": [lag / speed for lag in self.air.lags_s],
             "maps": {name: values.astype(np.float32).tobytes() for name, values in grids.items()},
-            "shape": list(self.plan.terrain.frame.shape),
+            "shape": list(next(iter(grids.values())).shape),
         }
         self.notebook.close()
         return report
