@@ -45,7 +45,7 @@ class VoxelFrame(GridFrame):
     def at(self, x_m: float, y_m: float, z_m: float) -> Floats:
         """Return where a point lies (layer, row, col), in cells from the corner."""
         point = (z_m - self.z_m, y_m - self.y_m, x_m - self.x_m)
-        return np.array([v / self.cell_m for v in point])
+        return np.array([v / self.cell_m for v in point], dtype=np.float64)
 
     def voxel_of(self, x_m: float, y_m: float, z_m: float) -> Block:
         """Return the (layer, row, col) that holds a point; it may lie outside the grid."""
