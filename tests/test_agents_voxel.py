@@ -287,10 +287,8 @@ def test_ways_are_as_long_as_they_are_and_cut_no_corner() -> None:
     cells = ground.cells[way_back(parent, end)]
     assert (cells[0] == (2, 2, 2)).all()
     assert (cells[-1] == (2, 6, 2)).all()
-    # Along the wall to its end at column 7, through the gap straight, and back.
-    assert way[end] == pytest.approx(
-        4 * math.sqrt(2) - 2 + 8 + 2 - (2 * math.sqrt(2) - 2) * 1, abs=1.5
-    )
+    # Four cells along the wall and one askew, two across its end, one askew and four back.
+    assert way[end] == pytest.approx(10 + 2 * math.sqrt(2))
     steps = np.abs(np.diff(cells[:, 1:], axis=0))
     assert steps.max() == 1
     for a, b in itertools.pairwise(cells):

@@ -54,9 +54,8 @@ class VoxelFrame(GridFrame):
 
     def voxels_of(self, points_m: Floats) -> Ints:
         """Return the cells (N, 3) that hold points (N, 3) as (x, y, z)."""
-        return np.floor((points_m - np.array(self.corner_m))[:, ::-1] / self.cell_m).astype(
-            np.int64
-        )
+        cells: Floats = (points_m - np.array(self.corner_m))[:, ::-1] / self.cell_m
+        return np.floor(cells).astype(np.int64)
 
     def centres_m(self, cells: Ints) -> Floats:
         """Return the centres (N, 3) as (x, y, z) of cells (N, 3)."""
