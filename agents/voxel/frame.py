@@ -59,7 +59,8 @@ class VoxelFrame(GridFrame):
 
     def centres_m(self, cells: Ints) -> Floats:
         """Return the centres (N, 3) as (x, y, z) of cells (N, 3)."""
-        return (cells[:, ::-1] + 0.5) * self.cell_m + np.array(self.corner_m)
+        corner: Floats = np.array(self.corner_m, dtype=np.float64)
+        return (cells[:, ::-1] + 0.5).astype(np.float64) * self.cell_m + corner
 
     def holds_voxel(self, layer: int, row: int, col: int) -> bool:
         """Say whether a cell lies inside the grid."""
