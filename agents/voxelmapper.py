@@ -35,7 +35,10 @@ class VoxelMapper:
         self.frame = cast("VoxelFrame", s.frame)
         self.method = method(s.method, s.sensor, s.drive, s.planner)
         self._interest: dict[Block, Floats] = {}
-        self._expected: tuple[Ints, Floats] = (np.zeros((0, 3), dtype=np.int64), np.zeros(0))
+        nowhere = np.zeros((0, 3), dtype=np.int64)
+        self._stood = self._way = nowhere
+        """Cells where its wheels have been, and those of the way that it goes."""
+        self._expected: tuple[Ints, Floats] = nowhere, np.zeros(0)
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
@@ -47,6 +50,7 @@ class VoxelMapper:
 
     async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
         """Return the cells that the look's rays reach on the map as it is (Eq. 5)."""
+        self._stood = np.unique(np.concatenate((self._stood, self._way)), axis=0)
         scene = Scene(self.view(), self._means)
         cells, p = chances(
             scene.packed.index,
@@ -137,6 +141,7 @@ class VoxelMapper:
             map=robot.team.fused(),
             pose=robot.pose,
             interest=self._interest,
+            stood=self._stood,
             others=tuple(mate.status.pose for _, mate in sorted(robot.mates.items())),
             claims=tuple(robot.regions(wished=False)),
             variance=(x, y, z, yaw),
@@ -147,10 +152,12 @@ class VoxelMapper:
         look = await asyncio.to_thread(self.method.choose, self.view(), self.robot.rng)
         if look is None:
             return None
+        self._way = look.cells
         return NextLook(look.path_m, look.yaw_rad, look.tilt_rad, look.claim)
 
     def halted(self) -> float | None:
-        """Look at what stands ahead."""
+        """Look at what stands ahead; how far it came on its way is not known."""
+        self._way = self._way[:1]
         return 0.0
 
 

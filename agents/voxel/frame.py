@@ -45,7 +45,7 @@ class VoxelFrame(GridFrame):
     def at(self, x_m: float, y_m: float, z_m: float) -> Floats:
         """Return where a point lies (layer, row, col), in cells from the corner."""
         point = (z_m - self.z_m, y_m - self.y_m, x_m - self.x_m)
-        return np.array([v / self.cell_m for v in point])
+        return np.array([v / self.cell_m for v in point], dtype=np.float64)
 
     def voxel_of(self, x_m: float, y_m: float, z_m: float) -> Block:
         """Return the (layer, row, col) that holds a point; it may lie outside the grid."""
@@ -54,13 +54,13 @@ class VoxelFrame(GridFrame):
 
     def voxels_of(self, points_m: Floats) -> Ints:
         """Return the cells (N, 3) that hold points (N, 3) as (x, y, z)."""
-        return np.floor((points_m - np.array(self.corner_m))[:, ::-1] / self.cell_m).astype(
-            np.int64
-        )
+        cells: Floats = (points_m - np.array(self.corner_m))[:, ::-1] / self.cell_m
+        return np.floor(cells).astype(np.int64)
 
     def centres_m(self, cells: Ints) -> Floats:
         """Return the centres (N, 3) as (x, y, z) of cells (N, 3)."""
-        return (cells[:, ::-1] + 0.5) * self.cell_m + np.array(self.corner_m)
+        corner: Floats = np.array(self.corner_m, dtype=np.float64)
+        return (cells[:, ::-1] + 0.5).astype(np.float64) * self.cell_m + corner
 
     def holds_voxel(self, layer: int, row: int, col: int) -> bool:
         """Say whether a cell lies inside the grid."""

@@ -1,9 +1,10 @@
 """Where a robot can stand in a world of cubes, and its ways from there.
 
-A cell can be stood in when it is free, the one below it solid, and all above it free up to the
-robot's height; and when its disc has room: in the columns that it touches, what is higher than the
-robot climbs is free as far up. From cell to cell it goes in eight directions, up or down by no
-more than it climbs, and cuts no corners. Several floors may lie over each other.
+A cell can be stood in when it is free, the one below it solid (or unknown with solid ones about it:
+a floor seen askew has gaps), and all above it free up to the robot's height; and when its disc has
+room: in the columns that it touches, what is higher than the robot climbs is free as far up. From
+cell to cell it goes in eight directions, up or down by no more than it climbs, and cuts no corners.
+Several floors may lie over each other.
 """
 
 import math
@@ -24,6 +25,8 @@ UNKNOWN, FREE, SOLID = 0, 1, 2
 """States of a cell, as ground is worked out."""
 AWAY = -1
 """The number of a cell in which nobody can stand."""
+BESIDE = 3
+"""An unknown cell is taken for floor beside so many that are, of eight."""
 States = NDArray[np.int8]
 
 
@@ -84,6 +87,19 @@ def _has_room(
 
 
 @kernel
+def _has_floor(index: np.ndarray, states: np.ndarray, i: int, j: int, k: int) -> bool:
+    """Say whether a cell is solid, or is not known and lies among cells that are."""
+    state = state_at(index, states, i, j, k)
+    if state != 0:
+        return state == 2
+    beside = 0
+    for dj in range(-1, 2):
+        for dk in range(-1, 2):
+            beside += 1 if state_at(index, states, i, j + dj, k + dk) == 2 else 0
+    return beside >= BESIDE
+
+
+@kernel
 def _stands(
     index: np.ndarray,
     states: np.ndarray,
@@ -101,7 +117,7 @@ def _stands(
                     if states[block, z, y, x] != 1:
                         continue
                     i, j, k = corners[block, 0] + z, corners[block, 1] + y, corners[block, 2] + x
-                    if state_at(index, states, i - 1, j, k) != 2:
+                    if not _has_floor(index, states, i - 1, j, k):
                         continue
                     if _has_room(index, states, (i, j, k), build):
                         ids[block, z, y, x] = count

@@ -63,15 +63,15 @@ class _Paper:
             return None
         seen = [scene.star.window(tally.astype(np.float64), tilt)[:, firsts] for tilt in tilts]
         at = self._pick(scene, places, np.stack(seen, axis=2), cells, rng)
-        place = int(places[at[0]])
-        path_m = scene.path_m(place)
+        way = scene.way(int(places[at[0]]))
+        path_m = scene.path_m(way)
         yaw_rad, range_m = float(yaws[at[1]]), self._means.sensor.range_m
         claim = (
             float(path_m[-1, 0]) + CLAIM_AHEAD * range_m * math.cos(yaw_rad),
             float(path_m[-1, 1]) + CLAIM_AHEAD * range_m * math.sin(yaw_rad),
             CLAIM_RADIUS * range_m,
         )
-        return VoxelChoice(path_m, yaw_rad, tilts[at[2]], float(cells[at]), claim)
+        return VoxelChoice(path_m, way, yaw_rad, tilts[at[2]], float(cells[at]), claim)
 
     def _kinds(self, scene: Scene) -> Kinds:
         """Return how cells are told apart."""

@@ -17,6 +17,7 @@ from agents.voxel.view import Means, VoxelView
 PRIOR_STEPS = 400.0
 """The prior on how often a ray is stopped counts like so many steps of rays."""
 PRIOR_STOP = 0.05
+BELOW = np.array((-1, 0, 0))
 STANDS = 1.6
 """Cells within half its footprint and so many more are taken for floor, where nothing was measured:
 no camera sees what is under the robot."""
@@ -69,26 +70,30 @@ class Scene:
         pose, frame = self.view.pose, self.view.frame
         return frame.voxel_of(pose.x_m, pose.y_m, pose.z_m + 0.5 * frame.cell_m)
 
-    def _stance(self) -> Ints:
-        """Return the columns (N, 2) that its body covers, and a little more."""
-        _, row, col = self.here
-        reach = self.build.reach + STANDS
+    def _disc(self, cells: Ints, reach: float) -> Ints:
+        """Return the cells (N, 3) of each one's layer whose columns lie within reach of it."""
         near = math.ceil(reach)
         off = np.arange(-near, near + 1)
         rows, cols = np.meshgrid(off, off, indexing="ij")
         inside = np.hypot(rows, cols) <= reach
-        return np.column_stack((rows[inside] + row, cols[inside] + col)).astype(np.int64)
+        moves = np.column_stack(
+            (np.zeros(inside.sum(), dtype=np.int64), rows[inside], cols[inside])
+        )
+        return (cells[:, None] + moves).reshape(-1, 3)
 
-    def _stance_cells(self) -> tuple[Ints, Ints]:
-        """Return the cells (N, 3) under its body and those that its body fills, and a few more."""
-        columns, layer = self._stance(), self.here[0]
-        under = np.column_stack((np.full(len(columns), layer - 1), columns))
-        levels = range(layer, layer + self.build.tall)
-        body = [np.column_stack((np.full(len(columns), level), columns)) for level in levels]
-        return under, np.concatenate(body)
+    def _column(self, cells: Ints) -> Ints:
+        """Return the cells (N, 3) that a body on cells (N, 3) fills."""
+        levels = range(self.build.tall)
+        return np.concatenate([cells + np.array((level, 0, 0)) for level in levels])
+
+    @cached_property
+    def _stance(self) -> Ints:
+        """(N, 3) cells that its body stands on here, and a little more, and stood on before."""
+        here = self._disc(np.array([self.here]), self.build.reach + STANDS)
+        return np.concatenate((here, self._disc(self.view.stood, self.build.reach + 0.5)))
 
     def _stance_blocks(self) -> set[tuple[int, int, int]]:
-        cells = np.concatenate(self._stance_cells())
+        cells = np.concatenate((self._stance + BELOW, self._column(self._stance)))
         return {(int(a), int(b), int(c)) for a, b, c in np.unique(cells // CUBE[0], axis=0)}
 
     @cached_property
@@ -101,17 +106,20 @@ class Scene:
     def states(self) -> States:
         """(blocks, 16, 16, 16) what is mapped as free or solid, and where the robot stands."""
         states = self.charted.copy()
-        for cells, state in zip(self._stance_cells(), (SOLID, FREE), strict=True):
-            self._assume(states, cells, state)
+        stood = self.view.stood
+        self._set(states, stood + BELOW, SOLID, anyway=True)
+        self._set(states, self._column(stood), FREE, anyway=True)
+        self._set(states, self._stance + BELOW, SOLID, anyway=False)
+        self._set(states, self._column(self._stance), FREE, anyway=False)
         return states
 
-    def _assume(self, states: States, cells: Ints, state: int) -> None:
-        """Set the cells (N, 3) of which nothing is known."""
+    def _set(self, states: States, cells: Ints, state: int, *, anyway: bool) -> None:
+        """Set cells (N, 3), those of which something is known only if that does not matter."""
         room = np.array(self.view.frame.voxels)
         cells = cells[((cells >= 0) & (cells < room)).all(axis=1)]
         number = self.packed.index[tuple((cells // CUBE[0]).T)]
         at = (number, *(cells % CUBE[0]).T)
-        states[at] = np.where(states[at] == UNKNOWN, state, states[at])
+        states[at] = state if anyway else np.where(states[at] == UNKNOWN, state, states[at])
 
     @cached_property
     def ground(self) -> Ground:
@@ -135,13 +143,18 @@ class Scene:
         """(places,) length of the way to each in metres; inf where none leads."""
         return self._field[0] * self.view.frame.cell_m
 
-    def path_m(self, place: int) -> Floats:
-        """Return the corners (N, 2) of the way to a place, from where the robot stands."""
-        here = np.array([[self.view.pose.x_m, self.view.pose.y_m]])
+    def way(self, place: int) -> Ints:
+        """Return the cells (N, 3) on the way to a place; its own where it stays."""
         if place in (self.place, -1):
+            return np.array([self.here], dtype=np.int64)
+        return self.ground.cells[way_back(self._field[1], place)]
+
+    def path_m(self, way: Ints) -> Floats:
+        """Return the corners (N, 2) of a way over cells (N, 3), from where the robot stands."""
+        here = np.array([[self.view.pose.x_m, self.view.pose.y_m]])
+        if len(way) < 2:
             return here
-        cells = corners_of(self.ground.cells[way_back(self._field[1], place)])
-        return np.concatenate((here, self.view.frame.centres_m(cells[1:])[:, :2]))
+        return np.concatenate((here, self.view.frame.centres_m(corners_of(way)[1:])[:, :2]))
 
     def candidates(self, rng: np.random.Generator) -> Ints:
         """Return the places (N,) where a look may be taken: the robot's own, then a sample.

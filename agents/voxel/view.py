@@ -2,7 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from agents.geometry import Floats, Pose
+import numpy as np
+
+from agents.geometry import Floats, Ints, Pose
 from agents.maps.voxel import VoxelOccupancy
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 from agents.voxel.frame import Block, VoxelFrame
@@ -26,6 +28,8 @@ class VoxelView:
     pose: Pose
     interest: dict[Block, Floats] = field(default_factory=dict[Block, Floats])
     """By block (16, 16, 16), the weight of each cell's worth (Eq. 9); 1 where there is none."""
+    stood: Ints = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
+    """(N, 3) cells in which its wheels have stood: floor, whatever looks said of them."""
     others: tuple[Pose, ...] = ()
     """Where team-mates stand, as last heard."""
     claims: tuple[tuple[float, float, float], ...] = ()
@@ -40,6 +44,8 @@ class VoxelChoice:
 
     path_m: Floats
     """(N, 2) corners from the robot's position to the look's; one point if it stays."""
+    cells: Ints
+    """(M, 3) cells in which its wheels will stand on the way, ends included."""
     yaw_rad: float
     tilt_rad: float
     gain: float
