@@ -21,6 +21,7 @@ from agents.planar.rays import fan_rad
 from agents.ports import Exposure
 from agents.robot import Robot
 from agents.roles import ROLES
+from agents.voxel.rays import ray_directions
 from comms.air import Packet
 from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.diary import MAP_NOTES, Diary, PoseNote
@@ -201,11 +202,15 @@ class Host:
         self._note_pose(t_ns)
 
     def _points_m(self, exposure: Exposure) -> Floats:
-        """Return the points (N, 3) of a look, a planar one's too, in the levelled robot frame."""
+        """Return the points (N, 3) of a look, of ranges too, in the levelled robot frame."""
         if not exposure.ranges_m.size:
             return exposure.points_m
-        ranges_m = exposure.ranges_m
-        angles = exposure.pan_rad + fan_rad(self.scenario.sensor)
+        ranges_m, sensor = exposure.ranges_m, self.scenario.sensor
+        if self.scenario.map.kind == "voxel":
+            rays = ray_directions(sensor, exposure.pan_rad, exposure.tilt_rad)
+            points_m = ranges_m.reshape(-1, 1) * rays + (0.0, 0.0, sensor.height_m)
+            return points_m[np.isfinite(ranges_m.ravel())]
+        angles = exposure.pan_rad + fan_rad(sensor)
         flat = (ranges_m * np.cos(angles), ranges_m * np.sin(angles), np.zeros_like(ranges_m))
         return np.column_stack(flat)[np.isfinite(ranges_m)]
 
@@ -277,7 +282,7 @@ class Host:
             self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
         self._note_pose(t_ns)
         if self.diary.is_due(t_ns):
-            self.diary.map(t_ns, self._scorer.grids(heard))
+            self.diary.map(t_ns, self._scorer.charts(heard))
         self.status = {
             "t_s": to_s(t_ns),
             "activity": self.robot.activity,
@@ -379,8 +384,9 @@ class Host:
         self.weigh(end_ns)
         status = self.status
         report = self.report()
-        grids = self._scorer.grids(self.robot.team.as_heard())
-        self.diary.map(end_ns, grids, whole=True)
+        heard = self.robot.team.as_heard()
+        grids = self._scorer.grids(heard)
+        self.diary.map(end_ns, self._scorer.charts(heard), whole=True)
         speed = self.scenario.clock.speed
         report.final = {
             **status,

@@ -1,5 +1,6 @@
 """What the record wants of a robot's map, by its kind: how right it is, and its grids to keep."""
 
+import math
 from typing import Any, Protocol
 
 import numpy as np
@@ -9,6 +10,7 @@ from agents.maps.elevation import Estimate
 from agents.maps.planar import MAPPED, Occupancy
 from agents.maps.voxel import VoxelOccupancy
 from agents.voxel.frame import VoxelFrame
+from scenarios.cavern import floor_heights
 from sim.planar_world import PlanarWorld
 from sim.voxel.world import VoxelWorld
 from sim.worlds import World
@@ -27,6 +29,10 @@ class Scorer(Protocol):
 
     def grids(self, estimate: Any) -> dict[str, Floats]:
         """Return the grids of all cells that are kept at the end, by name; NaN unknown."""
+        ...
+
+    def charts(self, estimate: Any) -> dict[str, Floats]:
+        """Return the grids (rows, cols) that a robot's log keeps of its map on the way."""
         ...
 
 
@@ -54,6 +60,9 @@ class _GroundScorer:
     def grids(self, estimate: Estimate) -> dict[str, Floats]:
         return {"elevation": estimate.elevation_m, "sigma": np.sqrt(estimate.variance_m2)}
 
+    def charts(self, estimate: Estimate) -> dict[str, Floats]:
+        return self.grids(estimate)
+
 
 class _FloorScorer:
     def done(self, estimate: Occupancy) -> Bools:
@@ -65,6 +74,9 @@ class _FloorScorer:
 
     def grids(self, estimate: Occupancy) -> dict[str, Floats]:
         return {"log_odds": np.where(estimate.known, estimate.log_odds, np.nan)}
+
+    def charts(self, estimate: Occupancy) -> dict[str, Floats]:
+        return self.grids(estimate)
 
 
 class _SpaceScorer:
@@ -82,3 +94,10 @@ class _SpaceScorer:
 
     def grids(self, estimate: VoxelOccupancy) -> dict[str, Floats]:
         return {"log_odds": estimate.dense(self._frame)}
+
+    def charts(self, estimate: VoxelOccupancy) -> dict[str, Floats]:
+        """Return the map from above: how low it is known to be free, to a third of a cell."""
+        free = np.nan_to_num(estimate.dense(self._frame)) < 0
+        heights_m = floor_heights(free, self._frame)
+        sigma_m = np.where(np.isfinite(heights_m), self._frame.cell_m / math.sqrt(12), np.nan)
+        return {"elevation": heights_m, "sigma": sigma_m}
