@@ -8,11 +8,16 @@ anchor. What a submap keeps of a cell is its kind's own affair (`agents.maps`).
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
+from agents.tiles import Window
+from agents.voxel.frame import VoxelSet
+
+Mask = Bools | VoxelSet
+"""Cells of a map: an array (rows, cols), or a set of voxels."""
 
 YAW_STEP_RAD = 1e-4
 VARIANCE_STEPS = 4.0
@@ -94,7 +99,7 @@ class Anchor:
         )
 
     def shift_variance(
-        self, frame: GridFrame, window: tuple[slice, slice] = (slice(None), slice(None))
+        self, frame: GridFrame, window: Window = (slice(None), slice(None))
     ) -> Floats:
         """Return how unsure the place of each cell of a window is along one axis, m^2.
 
@@ -114,8 +119,8 @@ class Submap(Protocol):
     anchor: Anchor
 
     @property
-    def known(self) -> Bools:
-        """Mask of the cells that were measured, (rows, cols)."""
+    def known(self) -> Mask:
+        """The cells that were measured."""
         ...
 
     @property
@@ -123,8 +128,8 @@ class Submap(Protocol):
         """A number that grows with every change of the cells."""
         ...
 
-    def take(self, other: Self, cells: Bools) -> None:
-        """Take over the cells of a mask (rows, cols) from another submap."""
+    def take(self, other: Self, cells: Any) -> None:
+        """Take over some cells, a mask of its own form, from another submap."""
         ...
 
     def cells(self) -> list[bytes]:
@@ -152,7 +157,7 @@ class OwnLayer(Generic[S]):
 
     def known_cells(self) -> int:
         """Count the known (submap, cell) entries."""
-        return sum(int(np.count_nonzero(s.known)) for s in self.submaps)
+        return sum(int(s.known.sum()) for s in self.submaps)
 
 
 def variances(covariance: Floats) -> tuple[float, float, float, float]:

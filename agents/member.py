@@ -14,8 +14,8 @@ from agents.anchoring import UNLOCATED, Tolerance, corrected, submap_name
 from agents.briefing import ACTIVITIES, AgentSettings, Inbox, Mate, RadioPort, RobotLog
 from agents.disk import Disk, DiskError, Recovered
 from agents.errors import AgentError
-from agents.geometry import Bools, Floats, Pose, wrap_angle
-from agents.layers import UNLOCATED_M2, OwnLayer, variances
+from agents.geometry import Floats, Pose, wrap_angle
+from agents.layers import UNLOCATED_M2, Mask, OwnLayer, variances
 from agents.localising import GATE, origin_of
 from agents.messages import (
     Fix,
@@ -34,7 +34,7 @@ from agents.scene import WISHED
 from agents.sharing import Desk, Free, Heard, Mark, way
 from agents.sharing.reports import unpack_report
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
-from agents.teammap import TeamMap, TileGrid
+from agents.teammap import TeamMap
 from comms.errors import CommsError
 from comms.frames import Frame, Kind
 from comms.radio import Outgoing
@@ -67,8 +67,8 @@ class Member:
         self.me = Origin(settings.index, disk.incarnation)
         sharing = way(settings.sharing.policy)
         side = max(settings.frame.shape) if sharing.whole_map else settings.map.tile_cells
-        self.grid = TileGrid(settings.frame, side, settings.whole)
         kind = sharing.kind(settings.map)
+        self.grid = kind.tiles(settings.frame, side, settings.whole)
         self.own: OwnLayer[Any] = OwnLayer(settings.frame, kind.submap)
         self.store = Store()
         self.team: TeamMap[Any, Any] = TeamMap(self.grid, self.store, self.own, self.me, kind)
@@ -258,8 +258,8 @@ class Member:
         covariance = np.diag(self.said_variance) if not self.located else self.filter.covariance
         return self.disk.layer_content(self.own, self.pose, covariance, former)
 
-    def tiles_changed(self, submap: int, cells: Bools) -> None:
-        """Note that cells (rows, cols) of an own submap were measured."""
+    def tiles_changed(self, submap: int, cells: Mask) -> None:
+        """Note that some cells of an own submap were measured."""
         tiles = self.grid.touched(cells)
         self.team.own_tiles_changed(submap, tiles)
         self.map_changed_s = self._time_or_zero()
@@ -285,10 +285,8 @@ class Member:
 
     def tile_weight(self, key: TileKey) -> float:
         """Return how much more a tile is worth to the team than any other, for what it is doing."""
-        rows, cols = self.grid.window(key.tile)
-        frame = self.settings.frame
-        x_m, y_m = frame.centre_of((rows.start + rows.stop) // 2, (cols.start + cols.stop) // 2)
-        near_m = 0.7 * self.grid.tile_cells * frame.cell_m
+        x_m, y_m = self.grid.centre_m(key.tile)
+        near_m = 0.7 * self.grid.tile_cells * self.settings.frame.cell_m
         horizon_m = self.settings.sharing.horizon_m
         if horizon_m is not None and key.origin != self.me:
             here = self._weighed_at

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats
+from agents.tiles import Shape
 from comms.codec import (
     CodecError,
     DecodedTile,
@@ -34,7 +35,7 @@ class Payloads(Protocol):
         """Return the payload of a tile (rows, cols), of which the `known` cells count."""
         ...
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> DecodedTile | None:
+    def decode(self, prefix: bytes, shape: Shape) -> DecodedTile | None:
         """Return what a prefix tells of a tile (rows, cols); None where it is no such payload."""
         ...
 
@@ -48,7 +49,7 @@ class Pyramid:
         """See `comms.codec.encode_tile`."""
         return encode_tile(elevation_m, known, sigma_m, max_error_m)
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> DecodedTile | None:
+    def decode(self, prefix: bytes, shape: Shape) -> DecodedTile | None:
         """See `comms.codec.decode_tile`."""
         try:
             tile = decode_tile(prefix)
@@ -81,7 +82,7 @@ class Raw:
             out += cells[start : start + RUN].tobytes()
         return EncodedTile(bytes(out), tuple(_run_ends(cells.size)))
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> DecodedTile | None:
+    def decode(self, prefix: bytes, shape: Shape) -> DecodedTile | None:
         """Return the cells of all runs that are whole."""
         size = shape[0] * shape[1]
         cells = np.full(size, np.nan, dtype=np.float32)
@@ -122,7 +123,7 @@ class Paper:
         data = encode_paper_map(elevation_m, known, max_error_m, sigma_m=sigma_m).data
         return EncodedTile(data, (len(data),))
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> DecodedTile | None:
+    def decode(self, prefix: bytes, shape: Shape) -> DecodedTile | None:
         """Return the whole map, or nothing of it."""
         try:
             paper = decode_paper_map(prefix, max_cells=shape[0] * shape[1])
@@ -138,7 +139,7 @@ class Paper:
 
 @dataclass(frozen=True)
 class ToldOccupancy:
-    """What a payload's prefix tells of a tile: log-odds, 0 where not known; both (rows, cols)."""
+    """What a payload's prefix tells of a tile: log-odds, 0 where not known."""
 
     log_odds: Floats
     known: Bools
@@ -147,14 +148,17 @@ class ToldOccupancy:
 
 
 class OccupancyPayloads(Protocol):
-    """One way of writing tiles of occupancy log-odds, rounded towards 0 and never away from it."""
+    """One way of writing tiles of occupancy log-odds, rounded towards 0 and never away from it.
+
+    A tile is (rows, cols), or (layers, rows, cols) of voxels.
+    """
 
     def encode(self, log_odds: Floats, known: Bools) -> EncodedTile:
-        """Return the payload of a tile (rows, cols), of which the `known` cells count."""
+        """Return the payload of a tile, of which the `known` cells count."""
         ...
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> ToldOccupancy | None:
-        """Return what a prefix tells of a tile (rows, cols); None where that is nothing."""
+    def decode(self, prefix: bytes, shape: Shape) -> ToldOccupancy | None:
+        """Return what a prefix tells of a tile; None where that is nothing."""
         ...
 
     def as_sent(self, log_odds: Floats, known: Bools) -> Floats:
@@ -169,7 +173,7 @@ class OccupancyPyramid:
         """See `comms.codec.encode_occupancy_tile`."""
         return encode_occupancy_tile(log_odds, known)
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> ToldOccupancy | None:
+    def decode(self, prefix: bytes, shape: Shape) -> ToldOccupancy | None:
         """See `comms.codec.decode_occupancy_tile`."""
         try:
             tile = decode_occupancy_tile(prefix)
@@ -197,9 +201,9 @@ class RawOccupancy:
         steps = np.where(known, _raw_steps(log_odds), UNKNOWN_BYTE).astype(np.int8)
         return EncodedTile(steps.tobytes(), tuple(range(1, steps.size + 1)))
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> ToldOccupancy | None:
+    def decode(self, prefix: bytes, shape: Shape) -> ToldOccupancy | None:
         """Return the cells that came."""
-        cells = np.full(shape[0] * shape[1], UNKNOWN_BYTE, dtype=np.int8)
+        cells = np.full(math.prod(shape), UNKNOWN_BYTE, dtype=np.int8)
         if not 0 < len(prefix) <= cells.size:
             return None
         cells[: len(prefix)] = np.frombuffer(prefix, np.int8)

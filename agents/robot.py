@@ -16,13 +16,15 @@ from agents.briefing import AgentSettings, RobotLog
 from agents.disk import Disk
 from agents.elevationmapper import ElevationMapper
 from agents.fusion import compose, stand_of_seer
-from agents.geometry import Bools, Floats, Pose, wrap_angle
+from agents.geometry import Floats, Pose, wrap_angle
+from agents.layers import Mask
 from agents.localising import is_located, reference, take_in
 from agents.mapper import Mapper, NextLook
 from agents.member import LEG_M, Member
 from agents.messages import Fix
 from agents.planarmapper import PlanarMapper
 from agents.ports import Exposure, Hardware, Sighting
+from agents.voxelmapper import VoxelMapper
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
@@ -31,6 +33,7 @@ TRAIL_POINTS = 64
 MAPPERS: dict[str, Callable[["Robot"], Mapper]] = {
     "elevation": ElevationMapper,
     "planar": PlanarMapper,
+    "voxel": VoxelMapper,
 }
 """By kind of map."""
 
@@ -142,11 +145,11 @@ class Robot(Member):
         exposure: Exposure,
         expected_cells: float,
         *,
-        drawn: Bools,
-        measured: Bools,
-        new: Bools,
+        drawn: Mask,
+        measured: Mask,
+        new: Mask,
     ) -> None:
-        """Note that a look has measured cells (rows, cols), some of them new.
+        """Note that a look has measured cells, some of them new.
 
         `drawn` are those of the submap's own drawing.
         """
@@ -154,8 +157,8 @@ class Robot(Member):
         self.log.look(
             exposure,
             expected_cells=expected_cells,
-            obtained_cells=int(np.count_nonzero(measured)),
-            new_cells=int(np.count_nonzero(new)),
+            obtained_cells=int(measured.sum()),
+            new_cells=int(new.sum()),
         )
 
     def _tell_fix(self, index: int, sighting: Sighting, t_s: float) -> None:

@@ -18,12 +18,14 @@ Share = Annotated[float, Field(ge=0, le=1)]
 class MapSettings(Settings):
     """The map and the tiles in which it travels."""
 
-    kind: Literal["elevation", "planar"] = "elevation"
-    """Heights of the ground (2.5-D), or which places of a floor are occupied (2-D)."""
+    kind: Literal["elevation", "planar", "voxel"] = "elevation"
+    """Heights of the ground (2.5-D), which places of a floor are occupied (2-D), or which cubes of
+    space (3-D)."""
     cell_m: Annotated[float, Field(ge=0.01, le=10)] = 0.1
-    """Cell size of every robot's elevation map; a planar one has `world.cell_m`."""
+    """Cell size of every robot's elevation map; a planar or voxel one has `world.cell_m`."""
     tile_cells: Literal[16, 32, 64, 128] = 32
-    """Side of the square tiles that are versioned and sent."""
+    """Side of the square tiles that are versioned and sent; of voxel maps, of cubes (at most
+    64)."""
     max_error_m: Annotated[float, Field(ge=0.001, le=1)] = 0.05
     """Bound on the elevation error of a tile that was sent whole."""
     prior_sigma_m: Positive = 1.0

@@ -11,13 +11,11 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Generic
 
-import numpy as np
-
-from agents.geometry import Bools
 from agents.layers import OwnLayer
-from agents.maps.kind import E, MapKind, S
-from agents.patchwork import Patchwork, Sheet, TileGrid, whole_drawing
+from agents.maps.kind import E, MapKind, Mask, S
+from agents.patchwork import Patchwork, Sheet, whole_drawing
 from agents.store import AnchorKey, Origin, Store, TileKey
+from agents.tiles import TileGrid
 
 __all__ = ["TeamMap", "TileGrid"]
 
@@ -61,7 +59,7 @@ class TeamMap(Generic[S, E]):
         for key in sorted(self._undrawn):
             anchor_key = AnchorKey(*key[:3])
             tile = self.tile_estimate(key)
-            cells = int(np.count_nonzero(tile.known))
+            cells = int(tile.known.sum())
             if cells or key.tile in self._drawn.get(anchor_key, {}):
                 self._drawn.setdefault(anchor_key, {})[key.tile] = tile
                 self._known_cells.setdefault(anchor_key, {})[key.tile] = cells
@@ -161,7 +159,7 @@ class TeamMap(Generic[S, E]):
         )
         return heard + self.own.known_cells()
 
-    def published_mask(self, origin: Origin, submap: int) -> Bools:
+    def published_mask(self, origin: Origin, submap: int) -> Mask:
         """Return the cells of a submap of which anything was published (and is here)."""
         self._draw()
         tiles = self._drawn.get(AnchorKey(*origin, submap), {})

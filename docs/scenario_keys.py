@@ -54,6 +54,7 @@ TITLES = {
     "world.terrain": "Terrain",
     "world.light": "Light",
     "world.landmarks.NAME": "One landmark",
+    "world.cave": "Cave",
     "map": "Map",
     "sensor": "Sensor",
     "sensor.stereo": "Stereo cameras",

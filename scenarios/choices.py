@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from agents import planar
 from agents.sharing import WAYS
 from agents.strategies import STRATEGIES
+from agents.voxel import choosing
 from comms.plugins import Plugins
 from sim.sensors import SENSORS
 from sim.terrain import TERRAINS
@@ -14,7 +15,11 @@ from sim.terrain import TERRAINS
 if TYPE_CHECKING:
     from scenarios.schema import Scenario
 
-METHODS: dict[str, Plugins[Any]] = {"elevation": STRATEGIES, "planar": planar.METHODS}
+METHODS: dict[str, Plugins[Any]] = {
+    "elevation": STRATEGIES,
+    "planar": planar.METHODS,
+    "voxel": choosing.METHODS,
+}
 """Ways to choose a look, by kind of map."""
 
 

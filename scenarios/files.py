@@ -48,6 +48,7 @@ def _places(tables: Tables) -> Iterator[tuple[str, ...]]:
     """Yield the key, part by part, of all that may be a file's path."""
     yield ("world", "terrain", "file")
     yield ("world", "map")
+    yield ("world", "cave", "file")
     yield ("links", "trace_file")
     for group in ("robots", "pairs"):
         for name in _table(tables, ("links", group)):

@@ -22,6 +22,7 @@ from agents.planar.rays import fan_rad
 from agents.ports import Exposure
 from agents.robot import Robot
 from agents.roles import ROLES
+from agents.voxel.rays import ray_directions
 from comms.air import Packet
 from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.diary import MAP_NOTES, Diary, PoseNote
@@ -207,11 +208,15 @@ class Host:
         self._note_pose(t_ns)
 
     def _points_m(self, exposure: Exposure) -> Floats:
-        """Return the points (N, 3) of a look, a planar one's too, in the levelled robot frame."""
+        """Return the points (N, 3) of a look, of ranges too, in the levelled robot frame."""
         if not exposure.ranges_m.size:
             return exposure.points_m
-        ranges_m = exposure.ranges_m
-        angles = exposure.pan_rad + fan_rad(self.scenario.sensor)
+        ranges_m, sensor = exposure.ranges_m, self.scenario.sensor
+        if self.scenario.map.kind == "voxel":
+            rays = ray_directions(sensor, exposure.pan_rad, exposure.tilt_rad)
+            points_m = ranges_m.reshape(-1, 1) * rays + (0.0, 0.0, sensor.height_m)
+            return points_m[np.isfinite(ranges_m.ravel())]
+        angles = exposure.pan_rad + fan_rad(sensor)
         flat = (ranges_m * np.cos(angles), ranges_m * np.sin(angles), np.zeros_like(ranges_m))
         return np.column_stack(flat)[np.isfinite(ranges_m)]
 
@@ -272,7 +277,7 @@ class Host:
         if heard is not self._scored:
             self._scored = heard
             bits, error_m = team.kind.bits(heard), self._scorer.error_m(heard)
-            self._map_score = (bits, error_m, int(np.count_nonzero(heard.known)), *self._layers())
+            self._map_score = (bits, error_m, int(heard.known.sum()), *self._layers())
             if self._witness is not None:
                 self._witness.weigh(t_ns, self._scorer.done(heard), heard, self.robot)
         bits, error_m, cells, own_bits, heard_bits = self._map_score
@@ -283,7 +288,7 @@ class Host:
             self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
         self._note_pose(t_ns)
         if self.diary.is_due(t_ns):
-            self.diary.map(t_ns, self._scorer.grids(heard))
+            self.diary.map(t_ns, self._scorer.charts(heard))
         self.status = {
             "t_s": to_s(t_ns),
             "activity": self.robot.activity,
@@ -387,13 +392,13 @@ class Host:
         report = self.report()
         heard = self.robot.team.as_heard()
         grids = self._scorer.grids(heard)
-        self.diary.map(end_ns, grids, whole=True)
+        self.diary.map(end_ns, self._scorer.charts(heard), whole=True)
         speed = self.scenario.clock.speed
         report.final = {
             **status,
             "lags_s": [lag / speed for lag in self.air.lags_s],
             "maps": {name: values.astype(np.float32).tobytes() for name, values in grids.items()},
-            "shape": list(self.plan.terrain.frame.shape),
+            "shape": list(next(iter(grids.values())).shape),
         }
         self.notebook.close()
         return report

@@ -6,6 +6,7 @@ from typing import Any
 from agents import planar
 from agents.sharing import WAYS
 from agents.strategies import STRATEGIES
+from agents.voxel import choosing
 from comms.plugins import Plugins
 from scenarios.schema import MAPPERS, MAX_ROBOTS, Scenario
 from scenarios.studies.study import Study
@@ -14,7 +15,7 @@ from sim.terrain import TERRAINS
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 NAMED: dict[tuple[str, str], tuple[tuple[Plugins[Any], ...], tuple[str, ...]]] = {
-    ("", "method"): ((STRATEGIES, planar.METHODS), ()),
+    ("", "method"): ((STRATEGIES, planar.METHODS, choosing.METHODS), ()),
     ("SharingSettings", "policy"): ((WAYS,), ()),
     ("SensorSettings", "kind"): ((SENSORS,), ()),
     ("TerrainSettings", "kind"): ((TERRAINS,), ("file",)),

@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.geometry import Floats, GridFrame, Singles
+from scenarios.cavern import draw_cave, show_space
 from scenarios.charts import draw_bytes_by_robot, draw_bytes_over_time, draw_information
 from scenarios.floor import draw_floor, show_floor
 from scenarios.ground import Scale, Way, draw_ground, scale_of, show_map, show_robot
 from scenarios.palette import INK, STYLE, robot_colours
-from scenarios.planarscore import PlanarTruth, score_floor
+from scenarios.planarscore import PlanarTruth, VoxelTruth, score_floor
 from scenarios.record import Records
 from scenarios.summary import RobotFinal, Truth, score
 
@@ -112,7 +113,10 @@ def _draw_maps(figure: "SubFigure", overview: Overview) -> None:
     parts: Any = figure.subfigures(1, 2, width_ratios=[1.15, width])
     left, right = parts
     truth, frame = overview.truth, overview.frame
-    if isinstance(truth, PlanarTruth):
+    if isinstance(truth, VoxelTruth):
+        draw_cave(left, truth, _ways(overview))
+        scale = None
+    elif isinstance(truth, PlanarTruth):
         draw_floor(left, truth.solid, truth.observable, frame, _ways(overview))
         scale = None
     else:
@@ -135,6 +139,8 @@ def _draw_robot_map(
     values = np.full(frame.shape, np.nan, np.float32) if kept is None else kept
     if scale:
         show_map(axes, values, frame, scale)
+    elif values.ndim == 3:
+        show_space(axes, values, frame)
     else:
         show_floor(axes, values, frame)
     axes.set_xticks([])

@@ -1,4 +1,4 @@
-"""How much of a floor is mapped, and how right that is."""
+"""How much of a floor, or of a cave, is mapped, and how right that is."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ import numpy as np
 
 from agents.geometry import Bools, Singles
 from agents.maps.planar import MAPPED
+from agents.voxel.frame import VoxelFrame
 
 
 @dataclass(frozen=True)
@@ -20,8 +21,16 @@ class PlanarTruth:
 
 
 @dataclass(frozen=True)
+class VoxelTruth(PlanarTruth):
+    """A cave as it is: both arrays are (L, H, W), the lowest layer first."""
+
+    frame: VoxelFrame
+    """Of both."""
+
+
+@dataclass(frozen=True)
 class FloorScore:
-    """How good a planar map is against the truth."""
+    """How good an occupancy map is against the truth."""
 
     mapped_cells: int
     """Observable cells whose occupancy is off by more than 0.4 from 0.5."""
@@ -32,7 +41,7 @@ class FloorScore:
 
 
 def score_floor(log_odds: Singles, truth: PlanarTruth) -> FloorScore:
-    """Return how good a map (H, W) of log-odds is; NaN unknown."""
+    """Return how good a map of log-odds is; NaN unknown."""
     mapped = np.abs(np.nan_to_num(log_odds)) > MAPPED
     observable = int(truth.observable.sum())
     count = int((mapped & truth.observable).sum())
@@ -41,7 +50,7 @@ def score_floor(log_odds: Singles, truth: PlanarTruth) -> FloorScore:
 
 
 def union_floor(maps: Sequence[Singles], shape: tuple[int, ...]) -> Singles:
-    """Return the union (H, W) of team maps: of each cell whichever is surest, the first if equal.
+    """Return the union of team maps: of each cell whichever is surest, the first if equal.
 
     Maps are not added up: they share their measurements.
     """

@@ -21,6 +21,7 @@ from agents.settings import (
     TetherSettings,
 )
 from comms.linksettings import LinkChange, TeamLinks
+from comms.occupancy.tile import LARGEST_BLOCK
 from comms.profiles import least_latency_ns, tightest_turn_ns
 from comms.settings import Settings
 from comms.timebase import to_s
@@ -263,19 +264,31 @@ def _check_places(scenario: Scenario) -> list[Conflict]:
 def _check_map(scenario: Scenario) -> list[Conflict]:
     kind, world = scenario.map.kind, scenario.world
     conflicts: list[Conflict] = []
-    if kind != "planar":
-        if world.map:
-            sentence = 'is a floor: it needs map.kind = "planar"'
-            conflicts.append(Conflict("world.map", world.map, sentence))
+    if kind != "planar" and world.map:
+        sentence = 'is a floor: it needs map.kind = "planar"'
+        conflicts.append(Conflict("world.map", world.map, sentence))
+    if kind != "voxel" and world.cave.file:
+        sentence = 'is a world of cubes: it needs map.kind = "voxel"'
+        conflicts.append(Conflict("world.cave.file", world.cave.file, sentence))
+    if kind == "elevation":
         return conflicts
     roles = [robot.role for robot in scenario.robots.values()]
     if not all(role in MAPPERS for role in roles):
-        sentence = f"on a planar map every robot must be one of {', '.join(MAPPERS)}"
+        sentence = f"on a {kind} map every robot must be one of {', '.join(MAPPERS)}"
         conflicts.append(Conflict("robots", roles, sentence))
     if world.terrain.file:
-        sentence = "is ground: a planar map needs a floor, world.map or none"
+        needs = {"planar": "a floor, world.map", "voxel": "a cave, world.cave.file"}[kind]
+        sentence = f"is ground: a {kind} map needs {needs} or none"
         conflicts.append(Conflict("world.terrain.file", world.terrain.file, sentence))
-    if not world.map and world.window_m[0] != world.window_m[1]:
+    if kind == "voxel" and scenario.map.tile_cells > LARGEST_BLOCK:
+        sentence = f"of cubes at most {LARGEST_BLOCK} cells a side can be sent"
+        conflicts.append(Conflict("map.tile_cells", scenario.map.tile_cells, sentence))
+    placed = [name for name, robot in scenario.robots.items() if robot.start is not None]
+    if kind == "voxel" and placed:
+        key, sentence = f"robots.{placed[0]}.start", "is for ground and floors: leave it out"
+        conflicts.append(Conflict(key, list(scenario.robots[placed[0]].start or ()), sentence))
+    is_floor = kind == "planar" and not world.map
+    if is_floor and world.window_m[0] != world.window_m[1]:
         sentence = "a made-up floor is a square: both sides must be equal"
         conflicts.append(Conflict("world.window_m", list(world.window_m), sentence))
     return conflicts

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from agents.geometry import Bools, Floats, Pose
+from agents.voxel.ground import Build
 from scenarios.dice import dice
-from scenarios.planarscore import PlanarTruth
+from scenarios.planarscore import PlanarTruth, VoxelTruth
 from scenarios.schema import MAPPERS, Scenario
 from scenarios.summary import Truth
 from sim.camera import observable_cells, reachable_positions
@@ -19,6 +20,12 @@ from sim.planar import place_explorers, stands_free
 from sim.planar_world import PlanarWorld, load_map, made_up, observable
 from sim.settings import LandmarkSettings
 from sim.terrain import descent_goal, make_terrain, place_team
+from sim.voxel import world as space
+from sim.voxel.cave import make_cave
+from sim.voxel.files import read_world
+from sim.voxel.robot import place_explorers as place_in_cave
+from sim.voxel.world import VoxelWorld
+from sim.worlds import World
 
 LATTICE_M = 2.0
 """Positions from which cells count as observable lie on a lattice of this spacing."""
@@ -29,7 +36,7 @@ class Stage:
     """The world of one run at its start."""
 
     scenario: Scenario
-    terrain: Terrain | PlanarWorld
+    terrain: World
     starts: dict[str, Pose]
     """True start poses, by robot."""
     goal_m: tuple[float, float] | None
@@ -43,6 +50,10 @@ class Stage:
         if isinstance(terrain, PlanarWorld):
             seen = observable(terrain, sensor, self.scenario.drive.footprint_m)
             return PlanarTruth(terrain.solid, seen)
+        if isinstance(terrain, VoxelWorld):
+            tilts = self.scenario.planner.tilts_deg
+            seen = space.observable(terrain, sensor, self.scenario.drive, tilts)
+            return VoxelTruth(terrain.solid, seen, terrain.frame)
         return self._truth_of_ground(terrain)
 
     def _truth_of_ground(self, terrain: Terrain) -> Truth:
@@ -72,7 +83,8 @@ def set_stage(scenario: Scenario) -> Stage:
         WorldError: the file is bad, or has no room for the team.
 
     """
-    return _floor(scenario) if scenario.map.kind == "planar" else _ground(scenario)
+    makers = {"planar": _floor, "voxel": _cave}
+    return makers.get(scenario.map.kind, _ground)(scenario)
 
 
 def _ground(scenario: Scenario) -> Stage:
@@ -155,3 +167,19 @@ def _walls(scenario: Scenario) -> PlanarWorld:
         solid_share=settings.obstacle_share,
         footprint_m=footprint_m,
     )
+
+
+def _cave(scenario: Scenario) -> Stage:
+    """Make or read a world of cubes, and place the team in it: the first robot at its start."""
+    settings, first = scenario.world, next(iter(scenario.robots))
+    build = Build.of(scenario.drive, scenario.sensor, settings.cell_m)
+    if settings.cave.file:
+        world = read_world(Path(settings.cave.file), cell_m=settings.cell_m, build=build)
+    else:
+        rng = dice(scenario, first, "terrain")
+        world = make_cave(
+            rng, settings.cave, window_m=settings.window_m, cell_m=settings.cell_m, build=build
+        )
+    count = len(scenario.robots)
+    poses = place_in_cave(world, build, count, dice(scenario, first, "team"))
+    return Stage(scenario, world, dict(zip(scenario.robots, poses, strict=True)), None)

@@ -50,7 +50,7 @@ class RobotFinal:
     sigma_m: Singles | None = None
     """Standard deviation (H, W) of the team map's cells."""
     log_odds: Singles | None = None
-    """Planar team map (H, W) instead, row 0 south, NaN unknown; None: it has none."""
+    """Planar (H, W) or voxel (L, H, W) team map instead, row 0 south, NaN unknown; None: none."""
     payload_bytes: int = 0
     """Of the newest versions in its replicated store."""
     hazards_hit: int = 0

@@ -8,8 +8,7 @@ import msgpack
 
 from agents.geometry import Bools, Pose
 from scenarios.schema import Scenario
-from sim.ground import Terrain
-from sim.planar_world import PlanarWorld
+from sim.worlds import World
 
 Pack = dict[str, Any]
 
@@ -20,9 +19,10 @@ class Plan:
 
     scenario: Scenario
     name: str
-    terrain: Terrain | PlanarWorld
+    terrain: World
     observable: Bools
-    """(rows, cols) of the cells that the team could see from where it can stand."""
+    """The cells, (rows, cols) or (layers, rows, cols), that the team could see from where it can
+    stand."""
     starts: dict[str, Pose]
     """True start poses of the whole team."""
     goal_m: tuple[float, float] | None

@@ -15,28 +15,21 @@ import numpy as np
 from agents.geometry import Floats, Pose
 from agents.ports import Exposure
 from agents.settings import SensorSettings
+from agents.voxel.rays import ray_directions
 from comms.timebase import now_ns, to_s
 from sim.coverage import observable_cells, reachable_positions
 from sim.ground import Terrain
 from sim.scene import Scene, return_probability, scene_of
 from sim.sighting import View, sightings
 
-__all__ = ["RangeCamera", "Scene", "expose", "observable_cells", "reachable_positions"]
-
-
-def ray_directions(sensor: SensorSettings, pan_rad: float, tilt_rad: float) -> Floats:
-    """Return (rows * columns, 3) unit vectors in the levelled robot frame, top row first."""
-    half_h, half_v = math.radians(sensor.fov_deg) / 2, math.radians(sensor.fov_vertical_deg) / 2
-    across = (np.arange(sensor.columns) + 0.5) / sensor.columns * 2 - 1
-    down = (np.arange(sensor.rows) + 0.5) / sensor.rows * 2 - 1
-    azimuth = pan_rad - half_h * across
-    elevation = np.clip(tilt_rad - half_v * down, -math.pi / 2, math.pi / 2)
-    flat = np.cos(elevation)[:, None]
-    rays = np.empty((sensor.rows, sensor.columns, 3))
-    rays[..., 0] = flat * np.cos(azimuth)
-    rays[..., 1] = flat * np.sin(azimuth)
-    rays[..., 2] = np.sin(elevation)[:, None]
-    return rays.reshape(-1, 3)
+__all__ = [
+    "RangeCamera",
+    "Scene",
+    "expose",
+    "observable_cells",
+    "ray_directions",
+    "reachable_positions",
+]
 
 
 def _tilted(vectors: Floats, roll_rad: float, pitch_rad: float) -> Floats:

@@ -5,11 +5,13 @@ from functools import cached_property
 import numpy as np
 
 from agents.geometry import Floats, Pose
-from sim.ground import Terrain
 from sim.motion import Motions
 from sim.planar import PlanarScene
 from sim.planar_world import PlanarWorld
 from sim.scene import Scene
+from sim.voxel.robot import VoxelScene
+from sim.voxel.world import VoxelWorld
+from sim.worlds import World
 
 
 class Propagation:
@@ -19,9 +21,7 @@ class Propagation:
     here no sooner, and so one process and many see the same.
     """
 
-    def __init__(
-        self, me: str, motions: Motions, world: Terrain | PlanarWorld, delay_ns: int
-    ) -> None:
+    def __init__(self, me: str, motions: Motions, world: World, delay_ns: int) -> None:
         """Take the robot that hears, everybody's motion, and the true ground or floor."""
         self._me = me
         self._motions = motions
@@ -55,9 +55,11 @@ class Propagation:
         return None if theirs is None or mine is None else (theirs, mine)
 
     @cached_property
-    def _scene(self) -> Scene | PlanarScene:
+    def _scene(self) -> Scene | PlanarScene | VoxelScene:
         """Made when it is first needed: most links have no need of it."""
         world = self._world
+        if isinstance(world, VoxelWorld):
+            return VoxelScene(world)
         return PlanarScene(world) if isinstance(world, PlanarWorld) else Scene(world)
 
     def _hidden(self, theirs: Pose, mine: Pose, antenna_m: float, mate_antenna_m: float) -> bool:

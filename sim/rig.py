@@ -10,7 +10,7 @@ from agents.geometry import Pose
 from agents.ports import Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
 from agents.stereo.eyes import Seen
-from sim.ground import Terrain
+from agents.voxel.ground import Build
 from sim.motion import Motions, Segment
 from sim.planar import PlanarBody, PlanarCamera
 from sim.planar_world import PlanarWorld
@@ -19,7 +19,10 @@ from sim.sensors import SENSORS, Mount
 from sim.stereo.settings import LightSettings
 from sim.stereo.shoot import Shot
 from sim.tethered import TetheredBody
+from sim.voxel.robot import VoxelBody, VoxelCamera
+from sim.voxel.world import VoxelWorld
 from sim.winch import SimWinch
+from sim.worlds import World
 
 START_SLACK_M = 0.05
 """Tethers are this much longer than the way to the Cliff-bot when the mission starts."""
@@ -40,7 +43,7 @@ def make_rig(
     name: str,
     roles: dict[str, str],
     *,
-    terrain: Terrain | PlanarWorld,
+    terrain: World,
     landmarks: Mapping[str, Pose],
     motions: Motions,
     publish: Callable[[Segment], None],
@@ -81,6 +84,13 @@ def make_rig(
         planar = PlanarCamera(terrain, sensor, on_floor.pose_now, camera_rng)
         hardware = Hardware(body=on_floor, camera=planar)
         return Rig(hardware, delay_ns, lambda: on_floor.hazards_hit)
+    if isinstance(terrain, VoxelWorld):
+        ground = terrain.ground(Build.of(drive, sensor, terrain.frame.cell_m))
+        inside = VoxelBody(
+            name, terrain, ground, drive, start, publish, body_rng, start_ns=start_ns
+        )
+        eyes = VoxelCamera(terrain, sensor, inside.pose_now, camera_rng)
+        return Rig(Hardware(body=inside, camera=eyes), delay_ns, lambda: inside.hazards_hit)
     if role == "cliffbot":
         body = TetheredBody(
             name, terrain, drive, start, publish, body_rng, tethers=tethers, start_ns=start_ns

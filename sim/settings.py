@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from comms.settings import Settings
 from sim.stereo.settings import LightSettings
+from sim.voxel.settings import CaveSettings
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -118,14 +119,15 @@ class WorldSettings(Settings):
         default_factory=dict[Name, LandmarkSettings]
     )
     """By name: things by which a camera on rough ground tells where it is in the team's frame."""
+    cave: CaveSettings = CaveSettings()
     window_m: Annotated[tuple[Metres, Metres], Field(strict=False)] = (32.0, 32.0)
     """Width (east) and height (north) of the window; a made-up floor is a square."""
     map: str = ""
     """A building's floor for planar maps: a map_server yaml, which names its image. What is unknown
     there counts as solid. Left out, a floor is made up from the seed."""
     cell_m: Annotated[float, Field(ge=0.05, le=10)] = 0.4
-    """Cell size of a floor, and of the planar maps of it; a cell is free where the mean of its
-    block of the image is at least 192 of 254."""
+    """Cell size of a floor or a cave, and of the maps of it; a floor's cell is free where the mean
+    of its block of the image is at least 192 of 254."""
     obstacle_share: Annotated[float, Field(ge=0, le=0.5)] = 0.15
     """Share of a made-up floor that is solid."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None

@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import numpy as np
-from team_helpers import FRAME, MAX_ERROR_M, SURE
+from team_helpers import FRAME, FRAMES, MAX_ERROR_M, SURE, mask_of
 
 from agents.briefing import AgentSettings
 from agents.disk import Disk
 from agents.geometry import Pose
 from agents.maps.elevationlook import LookCells
 from agents.maps.planarlook import LookOdds
+from agents.maps.voxellook import VoxelLook
 from agents.messages import unpack_chunks
 from agents.ports import Hardware
 from agents.robot import Robot
@@ -49,7 +50,7 @@ def settings_of(index: int, kind: str = "elevation") -> AgentSettings:
         index=index,
         roster=ROSTER,
         roles=("recon", "cliffbot", "anchor", "anchor"),
-        frame=FRAME,
+        frame=FRAMES[kind],
         start=START,
         start_covariance=SURE,
         goal_m=None,
@@ -87,14 +88,12 @@ def hear(
     robot.on_frame(Frame(sender, life, seq, kind, payload), round(t_s * NS))
 
 
-def measure(robot: Robot, cells: LookCells | LookOdds) -> None:
+def measure(robot: Robot, cells: LookCells | LookOdds | VoxelLook) -> None:
     """Take in one look, as a mapper does once its points are binned."""
     if not robot.own.submaps:
         robot.own.begin_submap(robot.pose, robot.filter.covariance)
     robot.own.submaps[-1].observe(cells)
-    touched = np.zeros(FRAME.shape, dtype=bool)
-    touched[cells.rows, cells.cols] = True
-    robot.tiles_changed(len(robot.own.submaps) - 1, touched)
+    robot.tiles_changed(len(robot.own.submaps) - 1, mask_of(cells))
 
 
 def save(robot: Robot) -> None:

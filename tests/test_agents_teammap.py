@@ -1,6 +1,7 @@
 """The team map: nobody's measurement counts twice, and no news makes it worse."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,15 +10,20 @@ from hypothesis import strategies as st
 from team_helpers import (
     FRAME,
     GRID,
+    KINDS,
+    LOOKS,
     MAX_ERROR_M,
     START,
     SURE,
+    certainty,
     chunks_of,
     cut,
     hear,
     hear_anchors,
     layer,
     look,
+    looks_in,
+    mask_of,
     payload_of,
     team_map,
     truth_m,
@@ -37,9 +43,12 @@ from agents.maps.elevation import (
     surest,
 )
 from agents.maps.elevationlook import LookCells
+from agents.maps.kind import EVERYWHERE
 from agents.payloads import Pyramid
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
 from agents.teammap import TeamMap, TileGrid
+from agents.voxel.frame import VoxelFrame
+from agents.voxel.tiles import VoxelTiles
 from comms.codec import encode_tile
 
 quick = settings(max_examples=25, deadline=None)
@@ -100,6 +109,26 @@ def test_a_region_numbers_its_tiles_as_the_whole_does(
             assert np.array_equal(mask[inside][part.window(tile)], mask[window])
             held = [other for other in all_of_it.beside(tile) if part.holds(other)]
             assert part.beside(tile) == held
+
+
+@given(st.tuples(*[st.integers(1, 70)] * 3), st.sampled_from([16, 32]))
+@quick
+def test_cubes_part_space_and_share_faces_with_those_beside_them(
+    voxels: tuple[int, int, int], side: int
+) -> None:
+    layers, rows, cols = voxels
+    grid = VoxelTiles(VoxelFrame(0.0, 0.0, 1.0, rows, cols, 0.0, layers), side)
+    covered = np.zeros(grid.cells, dtype=int)
+    for tile in range(grid.count):
+        covered[grid.window(tile)] += 1
+        assert grid.shape(tile) == (side,) * 3
+        assert grid.number(grid.place(tile)) == tile
+        for other in grid.beside(tile):
+            apart = np.abs(np.subtract(grid.place(tile), grid.place(other)))
+            assert apart.sum() == 1
+            assert tile in grid.beside(other)
+    assert np.all(covered == 1)
+    assert all(a <= b < a + side for a, b in zip(voxels, grid.cells, strict=True))
 
 
 # --- adding up ------------------------------------------------------------------------------
@@ -277,36 +306,54 @@ def test_a_former_life_counts_beside_the_present_one() -> None:
 # --- tile by tile ---------------------------------------------------------------------------
 
 
-def laid_whole(team: TeamMap, layers: dict[Origin, OwnLayer], *, blurred: bool) -> Estimate:
+def equal(one: Any, other: Any) -> bool:
+    """Say whether two maps of any kind are equal to the last bit."""
+    if isinstance(one, Estimate):
+        return same(one, other)
+    return np.array_equal(certainty(one), certainty(other)) and np.array_equal(
+        looks_in(one), looks_in(other)
+    )
+
+
+def laid_whole(team: TeamMap, layers: dict[Origin, OwnLayer], *, blurred: bool) -> Any:
     """Return the team map by slow code: every submap on the whole grid at once."""
-    folds: list[Estimate] = []
+    kind, grid = team.kind, team.grid
+    folds: list[Any] = []
     for origin, own in sorted(layers.items()):
-        fold = blank(FRAME.shape)
+        fold = kind.blank(grid.cells)
         for index, submap in enumerate(own.submaps):
             anchor = submap.anchor
             if origin == team.me:
-                drawing = team.kind.drawn(submap, (slice(None), slice(None)))
+                drawing = kind.drawn(submap, EVERYWHERE)
             else:
                 anchor = team.store.anchors.get(AnchorKey(*origin, index))
-                drawing = blank(FRAME.shape)
-                for tile in range(GRID.count):
+                drawing = kind.blank(grid.cells)
+                for tile in range(grid.count):
                     heard = team.tile_estimate(TileKey(*origin, index, tile))
-                    team.kind.paste(drawing, GRID.window(tile), heard)
+                    kind.paste(drawing, grid.window(tile), heard)
             if anchor is None:
                 continue
             if anchor.is_moved:
-                drawing = team.kind.moved(drawing, anchor, FRAME)
-            fold = surest(fold, team.kind.blurred(drawing, anchor, FRAME) if blurred else drawing)
+                drawing = kind.moved(drawing, anchor, grid.frame)
+            placed = kind.blurred(drawing, anchor, grid.frame) if blurred else drawing
+            fold = kind.surest(fold, placed)
         folds.append(fold)
-    return fuse_origins(folds, FRAME.shape)
+    return kind.fuse(folds, grid.cells)
 
 
-@given(seeds)
-@quick
-def test_what_is_laid_tile_by_tile_is_what_is_laid_at_once_to_the_last_bit(seed: int) -> None:
+@pytest.mark.parametrize("kind", KINDS)
+@given(seed=seeds)
+@settings(max_examples=10, deadline=None)
+def test_what_is_laid_tile_by_tile_is_what_is_laid_at_once_to_the_last_bit(
+    kind: str, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
-    layers = {ME: layer(rng, submaps=2), MATE: layer(rng, submaps=2), THIRD: layer(rng)}
-    team = team_map(ME, layers[ME])
+    layers = {
+        ME: layer(rng, submaps=2, kind=kind),
+        MATE: layer(rng, submaps=2, kind=kind),
+        THIRD: layer(rng, kind=kind),
+    }
+    team = team_map(ME, layers[ME], kind=kind)
     news = [*chunks_of(layers[MATE], MATE), *chunks_of(layers[THIRD], THIRD)]
     for chunk in rng.permutation(np.array(news, dtype=object)):
         hear(team, [chunk])
@@ -320,13 +367,11 @@ def test_what_is_laid_tile_by_tile_is_what_is_laid_at_once_to_the_last_bit(seed:
             team.store.offer_anchor(AnchorKey(*MATE, 1), known.moved_to(there, known.variance))
             team.anchor_changed(AnchorKey(*MATE, 1))
         if rng.random() < 0.3:
-            seen = look(rng)
+            seen = LOOKS[kind](rng)
             layers[ME].submaps[-1].observe(seen)
-            mask = np.zeros(FRAME.shape, dtype=bool)
-            mask[seen.rows, seen.cols] = True
-            team.own_tiles_changed(1, GRID.touched(mask))
-        assert same(team.fused(), laid_whole(team, layers, blurred=True))
-        assert same(team.relative(), laid_whole(team, layers, blurred=False))
+            team.own_tiles_changed(1, team.grid.touched(mask_of(seen)))
+        assert equal(team.fused(), laid_whole(team, layers, blurred=True))
+        assert equal(team.relative(), laid_whole(team, layers, blurred=False))
     bits = team.layer_bits()
     team.own_changed()
     team.as_heard()

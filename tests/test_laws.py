@@ -9,7 +9,16 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from robot_helpers import NS, PAYLOAD_BYTES, hear, measure, robot_on, save
-from team_helpers import FRAME, GRID, KINDS, LOOKS, certainty, certainty_of
+from team_helpers import (
+    GRIDS,
+    KINDS,
+    LOOKS,
+    cells_of,
+    certainty,
+    certainty_of,
+    known_in,
+    nowhere,
+)
 
 from agents.maps.planar import probability
 from agents.member import KEEP_ALIVE_S
@@ -46,7 +55,7 @@ class Team:
         self.folder = folder
         self.rng = np.random.default_rng(seed)
         self.robots: dict[int, Robot] = {}
-        self.measured = np.zeros(FRAME.shape)
+        self.measured = nowhere(kind)
         self.now_s = 0.0
         self.radios: dict[int, Radio] = {}
         self.told_s = 0.0
@@ -60,7 +69,7 @@ class Team:
 
     def look(self, index: int) -> None:
         cells = LOOKS[self.kind](self.rng)
-        self.measured[cells.rows, cells.cols] += certainty_of(cells)
+        self.measured[cells_of(cells)] += certainty_of(cells)
         measure(self.robots[index], cells)
         save(self.robots[index])
 
@@ -144,11 +153,12 @@ def test_whatever_befalls_a_team_its_maps_end_equal_and_true(
     for robot in team.robots.values():
         fused = robot.team.fused()
         assert np.all(certainty(fused) <= team.measured * (1 + 1e-9))
-        assert not (fused.known & (team.measured == 0)).any()
+        assert not (known_in(fused) & (team.measured == 0)).any()
     listener = team.robots[TEAM - 1].team.fused()
-    for tile in map(GRID.window, range(GRID.count)):
-        missing = team.measured[tile][(team.measured[tile] > 0) & ~listener.known[tile]]
-        if kind == "planar":
+    known = known_in(listener)
+    for tile in map(GRIDS[kind].window, range(GRIDS[kind].count)):
+        missing = team.measured[tile][(team.measured[tile] > 0) & ~known[tile]]
+        if kind != "elevation":
             missing = missing[probability(missing) > 0.75]
         assert missing.size < 24, "only what is not worth its bytes stays with its robot"
 

@@ -15,6 +15,7 @@ import scenarios
 from agents import planar
 from agents.sharing import WAYS
 from agents.strategies import STRATEGIES
+from agents.voxel import choosing
 from comms.plugins import PluginError, Plugins
 from scenarios import cli
 from scenarios.jsonschema import NAMED, scenario_schema, study_schema, text
@@ -24,7 +25,14 @@ from sim.sensors import SENSORS
 from sim.terrain import TERRAINS
 
 ROOT = Path(__file__).parents[1]
-GROUPS = {STRATEGIES.group, planar.METHODS.group, WAYS.group, SENSORS.group, TERRAINS.group}
+GROUPS = {
+    STRATEGIES.group,
+    planar.METHODS.group,
+    choosing.METHODS.group,
+    WAYS.group,
+    SENSORS.group,
+    TERRAINS.group,
+}
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from agents.geometry import Bools, Floats, GridFrame
 from agents.layers import Anchor, drawn_cells
 from agents.maps.elevationlook import LookCells
-from agents.maps.kind import EVERYWHERE, Window
+from agents.maps.kind import EVERYWHERE, Shape, Window
 from agents.payloads import Payloads, Pyramid
+from agents.tiles import TileGrid
 from comms.codec import DecodedTile, EncodedTile, sigma_as_sent
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ class Estimate:
         return float(np.sum(np.maximum(0.0, 0.5 * np.log2(prior_sigma_m**2 / variance))))
 
 
-def blank(shape: tuple[int, int]) -> Estimate:
+def blank(shape: Shape) -> Estimate:
     """Return an estimate of ground of which nothing is known."""
     return Estimate(
         np.full(shape, np.nan), np.full(shape, np.inf), np.zeros(shape, dtype=np.uint16)
@@ -111,7 +112,7 @@ def surest(first: Estimate, second: Estimate) -> Estimate:
     )
 
 
-def fuse_origins(layers: list[Estimate], shape: tuple[int, int]) -> Estimate:
+def fuse_origins(layers: list[Estimate], shape: Shape) -> Estimate:
     """Add up the information of independent origins, cell by cell (Eqs. 19-21)."""
     information = np.zeros(shape)
     weighted = np.zeros(shape)
@@ -164,11 +165,20 @@ class ElevationKind:
         """A cell measured to centimetres has about five bits: some ten cells for 100 bytes."""
         return 0.5
 
+    @property
+    def margin_cells(self) -> int:
+        """The slope of a cell is that to the cells next to it."""
+        return 1
+
+    def tiles(self, frame: GridFrame, tile_cells: int, whole: GridFrame | None = None) -> TileGrid:
+        """Return square tiles; see `TileGrid`."""
+        return TileGrid(frame, tile_cells, whole)
+
     def submap(self, frame: GridFrame, anchor: Anchor) -> Submap:
         """Return an empty submap."""
         return Submap(frame, anchor)
 
-    def blank(self, shape: tuple[int, int]) -> Estimate:
+    def blank(self, shape: Shape) -> Estimate:
         """See `blank`."""
         return blank(shape)
 
@@ -198,12 +208,12 @@ class ElevationKind:
         sigma = np.sqrt(np.where(known, variance, 0.0))
         return self.payloads.encode(elevation, known, sigma, self.max_error_m)
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> Estimate | None:
+    def decode(self, prefix: bytes, shape: Shape) -> Estimate | None:
         """Return what a prefix tells, the codec's error bound in its variances."""
         tile = self.payloads.decode(prefix, shape)
         return None if tile is None or tile.level < 0 else _estimate_of(tile)
 
-    def level(self, prefix: bytes, shape: tuple[int, int]) -> int:
+    def level(self, prefix: bytes, shape: Shape) -> int:
         """Return the last whole level."""
         tile = self.payloads.decode(prefix, shape)
         return -1 if tile is None else tile.level
@@ -224,7 +234,7 @@ class ElevationKind:
         """See `surest`."""
         return surest(first, second)
 
-    def fuse(self, layers: list[Estimate], shape: tuple[int, int]) -> Estimate:
+    def fuse(self, layers: list[Estimate], shape: Shape) -> Estimate:
         """See `fuse_origins`."""
         return fuse_origins(layers, shape)
 

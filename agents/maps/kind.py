@@ -6,19 +6,22 @@ versions, tells what is worth its bytes, or writes to disk knows nothing of what
 
 from typing import Protocol, TypeVar
 
-from agents.geometry import Bools, GridFrame
-from agents.layers import Anchor, Submap
+from agents.geometry import GridFrame
+from agents.layers import Anchor, Mask, Submap
+from agents.tiles import Shape, TileGrid, Window
 from comms.codec import EncodedTile
 
-Window = tuple[slice, slice]
+__all__ = ["EVERYWHERE", "E", "Estimate", "MapKind", "Mask", "S", "Shape", "Window"]
+
 EVERYWHERE: Window = (slice(None), slice(None))
+"""The whole of a map, however many axes it has."""
 
 
 class Estimate(Protocol):
-    """What is known of each cell of a grid (rows, cols)."""
+    """What is known of each cell of a grid (rows, cols), or of voxels."""
 
     @property
-    def known(self) -> Bools:
+    def known(self) -> Mask:
         """Mask of the cells of which something is known."""
         ...
 
@@ -35,11 +38,20 @@ class MapKind(Protocol[S, E]):
         """Less information than this is not worth a byte of radio."""
         ...
 
+    @property
+    def margin_cells(self) -> int:
+        """How far around a cell what is drawn there says how unsure the anchor makes it."""
+        ...
+
+    def tiles(self, frame: GridFrame, tile_cells: int, whole: GridFrame | None = None) -> TileGrid:
+        """Return how a grid is cut into tiles of so many cells a side; see `TileGrid`."""
+        ...
+
     def submap(self, frame: GridFrame, anchor: Anchor) -> S:
         """Return an empty submap."""
         ...
 
-    def blank(self, shape: tuple[int, int]) -> E:
+    def blank(self, shape: Shape) -> E:
         """Return an estimate of a place of which nothing is known."""
         ...
 
@@ -59,11 +71,11 @@ class MapKind(Protocol[S, E]):
         """Return the payload of a window; information is rounded down, never up."""
         ...
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> E | None:
+    def decode(self, prefix: bytes, shape: Shape) -> E | None:
         """Return what a prefix of a payload tells of a tile; None where that is nothing."""
         ...
 
-    def level(self, prefix: bytes, shape: tuple[int, int]) -> int:
+    def level(self, prefix: bytes, shape: Shape) -> int:
         """Return the last level of a payload that a prefix holds whole; -1 where that is none."""
         ...
 
@@ -79,7 +91,7 @@ class MapKind(Protocol[S, E]):
         """Take each cell from the surer of two estimates of one origin, whose errors are shared."""
         ...
 
-    def fuse(self, layers: list[E], shape: tuple[int, int]) -> E:
+    def fuse(self, layers: list[E], shape: Shape) -> E:
         """Add up what independent origins measured, cell by cell."""
         ...
 

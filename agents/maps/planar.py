@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from agents.geometry import Bools, Floats, GridFrame
 from agents.information import binary_entropy
 from agents.layers import Anchor, drawn_cells
-from agents.maps.kind import EVERYWHERE, Window
+from agents.maps.kind import EVERYWHERE, Shape, Window
 from agents.maps.planarlook import LookOdds
 from agents.payloads import OccupancyPayloads, OccupancyPyramid
+from agents.tiles import TileGrid
 from comms.codec import EncodedTile
 
 Counts = NDArray[np.uint16]
@@ -94,7 +95,7 @@ def probability(log_odds: Floats) -> Floats:
     return 1.0 / (1.0 + np.exp(-log_odds))
 
 
-def nothing(shape: tuple[int, int]) -> Occupancy:
+def nothing(shape: Shape) -> Occupancy:
     """Return an estimate of a floor of which nothing is known."""
     return Occupancy(np.zeros(shape), np.zeros(shape, dtype=np.uint16))
 
@@ -112,7 +113,7 @@ def surest(first: Occupancy, second: Occupancy) -> Occupancy:
     )
 
 
-def add_up(layers: list[Occupancy], shape: tuple[int, int]) -> Occupancy:
+def add_up(layers: list[Occupancy], shape: Shape) -> Occupancy:
     """Add up the log-odds of independent origins, cell by cell (Bayes' rule)."""
     total = nothing(shape)
     for layer in layers:
@@ -134,11 +135,20 @@ class PlanarKind:
         """A mapped cell has less than one bit: some ten cells for 100 bytes, as on the ground."""
         return 0.08
 
+    @property
+    def margin_cells(self) -> int:
+        """A cell is no less sure for what is beside it."""
+        return 0
+
+    def tiles(self, frame: GridFrame, tile_cells: int, whole: GridFrame | None = None) -> TileGrid:
+        """Return square tiles; see `TileGrid`."""
+        return TileGrid(frame, tile_cells, whole)
+
     def submap(self, frame: GridFrame, anchor: Anchor) -> PlanarSubmap:
         """Return an empty submap."""
         return PlanarSubmap(frame, anchor)
 
-    def blank(self, shape: tuple[int, int]) -> Occupancy:
+    def blank(self, shape: Shape) -> Occupancy:
         """See `nothing`."""
         return nothing(shape)
 
@@ -161,12 +171,12 @@ class PlanarKind:
         drawn = self.drawn(submap, window)
         return self.payloads.encode(drawn.log_odds, drawn.known)
 
-    def decode(self, prefix: bytes, shape: tuple[int, int]) -> Occupancy | None:
+    def decode(self, prefix: bytes, shape: Shape) -> Occupancy | None:
         """Return what a prefix tells."""
         told = self.payloads.decode(prefix, shape)
         return None if told is None else Occupancy(told.log_odds, told.known.astype(np.uint16))
 
-    def level(self, prefix: bytes, shape: tuple[int, int]) -> int:
+    def level(self, prefix: bytes, shape: Shape) -> int:
         """Return the last whole level."""
         told = self.payloads.decode(prefix, shape)
         return -1 if told is None else told.level
@@ -184,7 +194,7 @@ class PlanarKind:
         """See `surest`."""
         return surest(first, second)
 
-    def fuse(self, layers: list[Occupancy], shape: tuple[int, int]) -> Occupancy:
+    def fuse(self, layers: list[Occupancy], shape: Shape) -> Occupancy:
         """See `add_up`."""
         return add_up(layers, shape)
 

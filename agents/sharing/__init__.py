@@ -41,13 +41,14 @@ class Way:
         return kind_of(settings, self.payloads[settings.kind]())
 
 
-_LEVELS = {"elevation": Pyramid, "planar": OccupancyPyramid}
+_LEVELS = {"elevation": Pyramid, "planar": OccupancyPyramid, "voxel": OccupancyPyramid}
+_CELLS = {"elevation": Raw, "planar": RawOccupancy, "voxel": RawOccupancy}
 WAYS: Plugins[Way] = Plugins(
     "ropeteam.sharing",
     {
         "value": Way(Value, _LEVELS),
         "latest-first": Way(LatestFirst, _LEVELS),
-        "raw": Way(RawGrid, {"elevation": Raw, "planar": RawOccupancy}),
+        "raw": Way(RawGrid, _CELLS),
         "paper": Way(WholeMap, {"elevation": Paper}, whole_map=True),
     },
 )

@@ -88,7 +88,7 @@ def _place(scenario: Scenario) -> Place:
     Ground that was read at another scale lies nowhere.
     """
     terrain = scenario.world.terrain
-    if not terrain.file or terrain.cell_m is not None or scenario.map.kind == "planar":
+    if not terrain.file or terrain.cell_m is not None or scenario.map.kind != "elevation":
         return Place()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -13,11 +13,14 @@ import msgpack
 import numpy as np
 
 from agents.geometry import GridFrame, Pose
+from agents.voxel.frame import VoxelFrame
 from scenarios.errors import StudyError
 from scenarios.schema import dump, parse
 from scenarios.wire import Plan
 from sim.ground import Terrain
 from sim.planar_world import PlanarWorld
+from sim.voxel.world import VoxelWorld
+from sim.worlds import World
 
 _PLAIN = (
     "name",
@@ -50,12 +53,16 @@ def pack_plan(plan: Plan) -> bytes:
         arrays["solid"] = world.solid
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)
-    frame = world.frame
+    frame, start = (
+        world.frame,
+        None if isinstance(world, Terrain) else [int(n) for n in world.start],
+    )
     facts: dict[str, Any] = {name: getattr(plan, name) for name in _PLAIN}
     facts |= {
         "scenario": dump(plan.scenario),
         "frame": [frame.x_m, frame.y_m, frame.cell_m, frame.rows, frame.cols],
-        "start_cell": list(world.start) if isinstance(world, PlanarWorld) else None,
+        "height": [frame.z_m, frame.layers] if isinstance(frame, VoxelFrame) else None,
+        "start_cell": start,
         "starts": {name: _pose(pose) for name, pose in plan.starts.items()},
         "landmarks": {name: _pose(pose) for name, pose in plan.landmarks.items()},
         "pose": None if plan.pose is None else _pose(plan.pose),
@@ -75,12 +82,11 @@ def unpack_plan(data: bytes, folder: Path, endpoint: str) -> Plan:
         facts: dict[str, Any] = msgpack.unpackb(data, use_list=False)
         with np.load(io.BytesIO(facts["arrays"]), allow_pickle=False) as file:
             arrays: dict[str, Any] = {name: file[name] for name in file.files}
-        start_cell = facts["start_cell"]
         pose = facts["pose"]
         return Plan(
             **{name: facts[name] for name in _PLAIN},
             scenario=parse(tomllib.loads(facts["scenario"]), "the runner's scenario"),
-            terrain=_world(GridFrame(*facts["frame"]), arrays, start_cell),
+            terrain=_world(facts, arrays),
             observable=arrays["observable"],
             starts={name: Pose(*values) for name, values in facts["starts"].items()},
             landmarks={name: Pose(*values) for name, values in facts["landmarks"].items()},
@@ -94,11 +100,12 @@ def unpack_plan(data: bytes, folder: Path, endpoint: str) -> Plan:
         raise PlanError(f"{len(data)} bytes are no MessagePack: {error}") from error
 
 
-def _world(
-    frame: GridFrame, arrays: dict[str, Any], start_cell: tuple[int, int] | None
-) -> Terrain | PlanarWorld:
-    if start_cell is not None:
-        return PlanarWorld(frame, arrays["solid"], start_cell)
+def _world(facts: dict[str, Any], arrays: dict[str, Any]) -> World:
+    frame, height, start = GridFrame(*facts["frame"]), facts["height"], facts["start_cell"]
+    if height is not None:
+        return VoxelWorld(VoxelFrame(*facts["frame"], *height), arrays["solid"], start)
+    if start is not None:
+        return PlanarWorld(frame, arrays["solid"], start)
     return Terrain(frame, arrays["elevation_m"], arrays["texture"], arrays.get("edge_m"))
 
 

@@ -6,16 +6,22 @@ it where a run keeps a playback; nothing that they do depends on it.
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.geometry import Bools, Floats
+from agents.geometry import Bools, Floats, GridFrame
+from agents.layers import Mask
 from agents.maps.elevation import Estimate
 from agents.maps.planar import Occupancy, probability
-from sim.ground import Terrain
+from agents.maps.voxel import VoxelOccupancy
+from agents.voxel.frame import VoxelFrame, VoxelSet
+from agents.voxelcast import SIDE
+from scenarios.cavern import floor_heights
 from sim.planar_world import PlanarWorld
+from sim.voxel.world import VoxelWorld
+from sim.worlds import World
 
 Levels = NDArray[np.uint16]
 UNKNOWN = 0
@@ -56,39 +62,63 @@ class Scale:
         return cells[self.stride // 2 :: self.stride, self.stride // 2 :: self.stride]
 
 
-def scale_of(world: Terrain | PlanarWorld) -> Scale:
+def scale_of(world: World) -> Scale:
     """Return the scale of pictures of a world, and of all maps that are made of it."""
     rows, cols = world.frame.shape
     stride = max(1, math.ceil(math.sqrt(rows * cols / MOST_CELLS)))
     if isinstance(world, PlanarWorld):
         return Scale(0.0, STEP_P, 1 + round(1 / STEP_P), stride)
-    heights = world.elevation_m[np.isfinite(world.elevation_m)]
+    truth_m = truth_of(world)
+    heights = truth_m[np.isfinite(truth_m)]
     low, high = (float(heights.min()), float(heights.max())) if heights.size else (0.0, 1.0)
     step = max(STEP * world.frame.cell_m, (high - low) / (0.8 * MOST_LEVELS))
     low -= MARGIN * (high - low) + step
     return Scale(low, step, math.ceil((high + MARGIN * (high - low) - low) / step), stride)
 
 
-def truth_of(world: Terrain | PlanarWorld) -> Floats:
-    """Return the world (rows, cols) as its maps tell of it: elevation, or 1 where it is solid."""
+def truth_of(world: World) -> Floats:
+    """Return the world (rows, cols) as its maps tell of it: elevation, or 1 where it is solid.
+
+    Of a world of cubes the height of the lowest floor in each column, NaN where all is rock.
+    """
+    if isinstance(world, VoxelWorld):
+        return floor_heights(~world.solid, world.frame)
     if isinstance(world, PlanarWorld):
         return world.solid.astype(np.float64)
     return world.elevation_m.astype(np.float64)
 
 
-def values_of(estimate: Estimate | Occupancy) -> Floats:
-    """Return what a map (rows, cols) says of each cell, NaN unknown."""
+def values_of(estimate: Estimate | Occupancy | VoxelOccupancy, frame: GridFrame) -> Floats:
+    """Return what a map of a frame's grid says of each cell (rows, cols), NaN unknown.
+
+    Of a voxel map how low each column is known to be free.
+    """
+    if isinstance(estimate, VoxelOccupancy):
+        space = cast("VoxelFrame", frame)
+        return floor_heights(np.nan_to_num(estimate.dense(space)) < 0, space)
     if isinstance(estimate, Occupancy):
         return np.where(estimate.known, probability(estimate.log_odds), np.nan)
     return estimate.elevation_m
 
 
+def from_above(cells: Mask, frame: GridFrame) -> Bools:
+    """Return in which columns (rows, cols) of a frame's grid a mask of a map has a cell."""
+    if not isinstance(cells, VoxelSet):
+        return cells
+    above = np.zeros(frame.shape, dtype=bool)
+    for (_, row, col), mask in cells.masks.items():
+        room = above[row * SIDE : (row + 1) * SIDE, col * SIDE : (col + 1) * SIDE]
+        seen: Bools = np.any(mask, axis=0)
+        room |= seen[: room.shape[0], : room.shape[1]]
+    return above
+
+
 class Growth:
     """Watches one robot's map in one of its lives."""
 
-    def __init__(self, world: Terrain | PlanarWorld) -> None:
+    def __init__(self, world: World) -> None:
         """Begin with a map of which nothing is known."""
-        self._scale = scale_of(world)
+        self._scale, self._frame = scale_of(world), world.frame
         shape = self._scale.mask(np.zeros(world.frame.shape, dtype=bool)).shape
         self._shown: Levels = np.zeros(shape, np.uint16)
         self._own: Bools = np.zeros(shape, dtype=bool)
@@ -102,7 +132,7 @@ class Growth:
             own: (rows, cols) the cells that its own sensors measured.
 
         """
-        levels = self._scale.levels(values_of(estimate))
+        levels = self._scale.levels(values_of(estimate, self._frame))
         apart = np.abs(levels.astype(np.int32) - self._shown) > SLACK
         known_anew = (levels == UNKNOWN) != (self._shown == UNKNOWN)
         changed = np.flatnonzero(apart | known_anew)

@@ -10,7 +10,7 @@ import numpy as np
 from agents.geometry import Bools
 from agents.mapper import NextLook
 from agents.robot import Robot
-from scenarios.view.growth import Growth
+from scenarios.view.growth import Growth, from_above
 from scenarios.wire import Plan
 
 
@@ -19,17 +19,17 @@ class Witness:
 
     def __init__(self, plan: Plan) -> None:
         """Begin with what the robot's host was told."""
-        self._observable = plan.observable
+        self._observable, self._frame = plan.observable, plan.terrain.frame
         self._map = Growth(plan.terrain)
         self._growth: list[Any] = []
         self._plan: NextLook | None = None
         self._claim: tuple[float, float, float] | None = None
 
     def weigh(self, t_ns: int, done: Bools, estimate: Any, robot: Robot) -> None:
-        """Take the team map as it is weighed; `done` (rows, cols) are its mapped cells."""
-        own = np.zeros(done.shape, dtype=bool)
+        """Take the team map as it is weighed; `done` are its mapped cells."""
+        own = np.zeros(self._frame.shape, dtype=bool)
         for submap in robot.own.submaps:
-            own |= submap.known
+            own |= from_above(submap.known, self._frame)
         step = self._map.step(estimate, own)
         if step is not None:
             cells = int(np.count_nonzero(done & self._observable))

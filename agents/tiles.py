@@ -1,0 +1,149 @@
+"""How a team's grid is cut into the tiles that are versioned and sent, along any number of axes."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from agents.geometry import GridFrame
+
+Window = tuple[slice, ...]
+"""The cells of a tile, along each axis of the map."""
+Shape = tuple[int, ...]
+"""How many cells a tile, or a map, has along each axis."""
+
+
+@dataclass(frozen=True)
+class TileGrid:
+    """How the team grid is cut into square tiles, row by row from the south-west.
+
+    A robot of a team that covers much ground may keep a region of it: then tiles have the numbers
+    of the whole grid, and windows count from the region's corner.
+    """
+
+    frame: GridFrame
+    """What the robot keeps."""
+    tile_cells: int
+    whole: GridFrame | None = None
+    """The team's grid, where `frame` is a region of it; its corner is a tile's."""
+
+    @cached_property
+    def cells(self) -> Shape:
+        """How many cells the region has along each axis."""
+        return self.frame.shape
+
+    @cached_property
+    def along(self) -> Shape:
+        """Tiles of the team's grid along each axis."""
+        cells = self.cells if self.whole is None else self.whole.shape
+        return tuple(-(-n // self.tile_cells) for n in cells)
+
+    @property
+    def count(self) -> int:
+        """Tiles of the team's grid in all."""
+        return math.prod(self.along)
+
+    @cached_property
+    def _corner(self) -> Shape:
+        """The place of the region's first tile."""
+        if self.whole is None:
+            return (0,) * len(self.cells)
+        side_m = self.tile_cells * self.frame.cell_m
+        return (
+            round((self.frame.y_m - self.whole.y_m) / side_m),
+            round((self.frame.x_m - self.whole.x_m) / side_m),
+        )
+
+    @cached_property
+    def tiles(self) -> tuple[int, ...]:
+        """The tiles of the region, ascending."""
+        spans = (
+            range(first, first - (-n // self.tile_cells))
+            for first, n in zip(self._corner, self.cells, strict=True)
+        )
+        return tuple(self.number(place) for place in product(*spans))
+
+    @cached_property
+    def _held(self) -> frozenset[int]:
+        return frozenset(self.tiles)
+
+    def holds(self, tile: int) -> bool:
+        """Say whether a tile lies in the region."""
+        return tile in self._held
+
+    def place(self, tile: int) -> Shape:
+        """Return which tile it is along each axis."""
+        at: list[int] = []
+        for tiles in reversed(self.along):
+            tile, n = divmod(tile, tiles)
+            at.append(n)
+        return tuple(reversed(at))
+
+    def number(self, place: Shape) -> int:
+        """Return the tile at a place: the last axis counts fastest."""
+        tile = 0
+        for n, tiles in zip(place, self.along, strict=True):
+            tile = tile * tiles + n
+        return tile
+
+    def window(self, tile: int, margin: int = 0) -> Window:
+        """Return the cells of a tile; tiles at the north and east edge may be smaller.
+
+        With a margin of so many cells on each side, as far as the region goes.
+        """
+        side = self.tile_cells
+        ahead = (n - first for n, first in zip(self.place(tile), self._corner, strict=True))
+        return tuple(
+            slice(max(0, n * side - margin), min((n + 1) * side + margin, cells))
+            for n, cells in zip(ahead, self.cells, strict=True)
+        )
+
+    def shape(self, tile: int) -> Shape:
+        """Return how many cells a tile has along each axis."""
+        return shape_of(self.window(tile))
+
+    def beside(self, tile: int) -> list[int]:
+        """Return the tiles of the region that share an edge, or in space a face, with a tile."""
+        place = self.place(tile)
+        found: list[int] = []
+        for axis, tiles in enumerate(self.along):
+            for n in (place[axis] - 1, place[axis] + 1):
+                if 0 <= n < tiles:
+                    found.append(self.number((*place[:axis], n, *place[axis + 1 :])))
+        return [other for other in found if other in self._held]
+
+    def centre_m(self, tile: int) -> tuple[float, float]:
+        """Return (x, y) of a tile's middle."""
+        rows, cols = self.window(tile)[-2:]
+        return self.frame.centre_of((rows.start + rows.stop) // 2, (cols.start + cols.stop) // 2)
+
+    def touched(self, mask: Any) -> list[int]:
+        """Return the tiles in which a mask, of the form that the map's kind has, has a cell."""
+        return self._of(np.argwhere(mask))
+
+    def _of(self, cells: Any) -> list[int]:
+        """Return the tiles that hold some cells (N, axes) of the region."""
+        at = np.unique(cells // self.tile_cells, axis=0) + np.array(self._corner)
+        return [self.number(tuple(int(n) for n in place)) for place in at]
+
+
+def shape_of(window: Window) -> Shape:
+    """Return how many cells a window has along each axis."""
+    return tuple(part.stop - part.start for part in window)
+
+
+def overlap(one: Window, other: Window) -> Window:
+    """Return what two windows of one grid share."""
+    return tuple(
+        slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one, other, strict=True)
+    )
+
+
+def inside(window: Window, frame: Window) -> Window:
+    """Return a window as counted from another one's corner."""
+    return tuple(
+        slice(a.start - b.start, a.stop - b.start) for a, b in zip(window, frame, strict=True)
+    )

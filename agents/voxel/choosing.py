@@ -1,0 +1,34 @@
+"""The methods that choose looks on voxel maps, by name."""
+
+from collections.abc import Callable
+
+from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+from agents.voxel import methods
+from agents.voxel.methods import VoxelMethod
+from agents.voxel.view import Means
+from comms.plugins import Plugins
+
+METHODS: Plugins[Callable[[Means], VoxelMethod]] = Plugins(
+    "ropeteam.voxel_strategies",
+    {
+        "random": methods.Random,
+        "raster": methods.Raster,
+        "max-new": methods.MaxNew,
+        "min-old": methods.MinOld,
+        "information": methods.Histogrammed,
+        "information-entropy": methods.Stretched,
+        "information-voxel": methods.Voxel,
+    },
+)
+"""By name; each is called for every robot, with the means that it has."""
+
+
+def method(
+    name: str, sensor: SensorSettings, drive: DriveSettings, planner: PlannerSettings
+) -> VoxelMethod:
+    """Return a new method for one robot.
+
+    Raises:
+        PluginError: there is none of that name.
+    """
+    return METHODS.find(name)(Means(sensor, drive, planner))

@@ -1,0 +1,1 @@
+"""Worlds of cubes: made-up caves, voxelised files, and robots in them."""
