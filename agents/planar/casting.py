@@ -214,12 +214,8 @@ def gains(through: Floats, lacking: Floats, worth: Floats, rays: Star, eyes: Int
     """
     out = np.zeros((len(eyes), len(rays.counts)))
     # Half as wide: what rays walk over stays in the processor's cache.
-    passing, short, counted = (
-        np.asarray(grid, dtype=np.float32) for grid in (through, lacking, worth)
-    )
-    _gains(
-        passing, short, counted, rays.narrow_steps, rays.counts, rays.narrow_sure, eyes, HALF, out
-    )
+    passing, short, value = (np.asarray(v, dtype=np.float32) for v in (through, lacking, worth))
+    _gains(passing, short, value, rays.narrow_steps, rays.counts, rays.narrow_sure, eyes, HALF, out)
     return out
 
 
