@@ -77,6 +77,7 @@ class Member:
         )
         self.sharing.weight = self.tile_weight
         self.filter = PoseFilter(settings.start, settings.start_covariance)
+        self.filter.doubt_slip(settings.drive.slip_bias_sigma)
         self.located = settings.start_known
         """Whether its poses are in the team frame; if not, they are in one of its own."""
         self.origin: int | None = None
@@ -195,6 +196,7 @@ class Member:
             self.located = bool(recovered.covariance[0, 0] < UNLOCATED_M2)
             before = recovered.covariance if self.located else np.zeros((4, 4))
             self.filter = PoseFilter(recovered.pose, before + lost)
+            self.filter.doubt_slip(self.settings.drive.slip_bias_sigma)
         # On disk before any of it can be published: a life that ends before its first look must
         # not leave these cells behind as the former one's, to be taken up and counted once more.
         self._owes_layer = True
@@ -400,9 +402,10 @@ class Member:
 
     def _take_fix(self, fix: Fix, sender: str) -> None:
         covariance = np.diag(fix.variance)
-        if self.located and self.settings.roles[self.settings.index] == "cliffbot":
+        if self.located:
             self.filter.fix(fix.pose, covariance, gate=GATE)
-        elif not self.located and max(fix.variance[:2]) < UNLOCATED_M2:
+            self.correct_anchors()
+        elif max(fix.variance[:2]) < UNLOCATED_M2:
             self.settle(fix.pose, covariance, f"seen by {sender}")
 
     def _take_map(self, payload: bytes, heard: Heard) -> None:

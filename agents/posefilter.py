@@ -21,6 +21,7 @@ from agents.fusion import (
     best_share,
     checked_covariance,
     compose,
+    ekf_predict,
     ekf_update,
     offset_between,
     pose_numbers,
@@ -44,6 +45,10 @@ class Remembered:
     kind: str
     """"submap": where the robot stood; "mate": where a team-mate stands."""
     index: int
+
+
+SLIP = Remembered("slip", 0)
+"""Holds no pose: its first number is the share of every drive that slips."""
 
 
 def _pose(numbers: Floats) -> Pose:
@@ -113,6 +118,15 @@ class PoseFilter:
         own = checked_covariance(covariance, SIZE)
         self._grow(name, pose_numbers(pose), own, np.zeros((SIZE, len(self._state.mean))))
 
+    def doubt_slip(self, sigma: float) -> None:
+        """Reckon with a share of every drive that slips, always the same, of this deviation.
+
+        What is the same on every leg grows with the way, not with its root; and once the robot
+        learns where it is, it learns by how much its wheels deceive it.
+        """
+        if sigma > 0:
+            self.introduce(SLIP, Pose(0.0, 0.0, 0.0, 0.0), np.diag([sigma**2, 0.0, 0.0, 0.0]))
+
     def _grow(self, name: Remembered, mean: Floats, own: Floats, across: Floats) -> None:
         assert name not in self._names
         grown = np.block([[self._state.covariance, across.T], [across, own]])
@@ -141,6 +155,9 @@ class PoseFilter:
         mean = np.concatenate((pose_numbers(pose), self._state.mean[SIZE:]))
         for name in self._names:
             at = self._slice(name)
+            if name == SLIP:
+                relative[at, at] = np.eye(SIZE)
+                continue
             offset, to_pose, to_other = offset_between(self.pose, self.pose_of(name))
             placed, _ = compose(pose, np.zeros((4, 4)), tuple(offset.tolist()), np.zeros((4, 4)))
             mean[at] = pose_numbers(placed)
@@ -158,16 +175,21 @@ class PoseFilter:
         """Move by what odometry says (Eq. 14)."""
         offset = (odometry.forward_m, odometry.left_m, odometry.up_m, odometry.turn_rad)
         noise = checked_covariance(odometry.covariance, SIZE)
-        here = self.pose
-        pose, grown = compose(here, self.covariance, offset, noise)
-        f = np.eye(SIZE)
-        f[0, YAW], f[1, YAW] = here.y_m - pose.y_m, pose.x_m - here.x_m
-        mean, covariance = self._state.mean.copy(), self._state.covariance.copy()
+        here, n = self.pose, len(self._state.mean)
+        move = np.eye(n)
+        if self.holds(SLIP):
+            at, turn = self._slice(SLIP), yaw_matrix(here.yaw_rad)
+            driven = np.array((odometry.forward_m, odometry.left_m, 0.0, 0.0))
+            slipped = driven * self._state.mean[at][0]
+            offset = (offset[0] - slipped[0], offset[1] - slipped[1], offset[2], offset[3])
+            move[:SIZE, at.start] = -(turn @ driven)
+        pose, _ = compose(here, self.covariance, offset, noise)
+        move[0, YAW], move[1, YAW] = here.y_m - pose.y_m, pose.x_m - here.x_m
+        process = np.zeros((n, n))
+        process[:SIZE, :SIZE] = rotate_covariance(noise, yaw_matrix(here.yaw_rad))
+        mean = self._state.mean.copy()
         mean[:SIZE] = pose_numbers(pose)
-        covariance[:SIZE, SIZE:] = f @ covariance[:SIZE, SIZE:]
-        covariance[SIZE:, :SIZE] = covariance[:SIZE, SIZE:].T
-        covariance[:SIZE, :SIZE] = grown
-        self._state = Gaussian(mean, covariance)
+        self._state = ekf_predict(self._state, mean, move, process)
 
     def fix(self, measured: Pose, covariance: Floats, *, gate: float = math.inf) -> float:
         """Take in a measured pose (Eqs. 15, 16); return its normalised innovation squared.

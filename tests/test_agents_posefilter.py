@@ -218,3 +218,28 @@ def test_an_offset_leads_back_to_the_pose_and_its_jacobians_are_its_slopes(seed)
         assert moved / 1e-6 == pytest.approx(to_base[:, axis], abs=1e-4)
         moved = offset_between(base, Pose(*(pose_numbers(other) + step)))[0] - offset
         assert moved / 1e-6 == pytest.approx(to_other[:, axis], abs=1e-4)
+
+
+@pytest.mark.parametrize("learns", [False, True])
+def test_what_slips_on_every_leg_alike_grows_with_the_way_and_can_be_learnt(learns):
+    mean, found = 0.0, 0.0
+    for k in range(RUNS):
+        rng = np.random.default_rng(k)
+        slip = rng.normal(0, 0.05)
+        filt, truth = PoseFilter(START, SURE), START
+        filt.doubt_slip(0.05)
+        filt.remember(submap(0))
+        for _ in range(10):
+            error = rng.multivariate_normal(np.zeros(4), STEP / 4)
+            truth = truth.moved(1.0 - slip + error[0], error[1], error[2], error[3])
+            filt.predict(Odometry(1.0, 0.0, 0.0, 0.0, STEP / 4))
+        if learns:
+            filt.fix(truth, SURE)
+            slipped = filt.remembered(Remembered("slip", 0))
+            found += (slipped.mean[0] - slip) ** 2 / slipped.covariance[0, 0] / RUNS
+            filt.predict(Odometry(5.0, 0.0, 0.0, 0.0, STEP))
+            error = rng.multivariate_normal(np.zeros(4), STEP)
+            truth = truth.moved(5.0 * (1.0 - slip) + error[0], error[1], error[2], error[3])
+        mean += nees(pose_numbers(filt.pose), filt.covariance, truth) / RUNS
+    assert BAND[0] < mean < BAND[1]
+    assert not learns or 0.7 < found < 1.4
