@@ -170,11 +170,11 @@ def test_strangers_own_frames_versions_kinds_and_giants_are_refused():
     with pytest.raises(BadVersionError, match="kind is 15"):
         opener.open(sealed_by_hand(b"\xbf\x01\x00\x00"))
     with pytest.raises(OversizedError):
-        opener.open(sealed_by_hand(b"\xa1\x01\x00\x00" + bytes(MAX_FRAME_BYTES)))
+        opener.open(sealed_by_hand(b"\xb1\x01\x00\x00" + bytes(MAX_FRAME_BYTES)))
     with pytest.raises(DamagedError, match="sequence"):
-        opener.open(sealed_by_hand(b"\xa1\x01\x00\x80\x80\x80"))
+        opener.open(sealed_by_hand(b"\xb1\x01\x00\x80\x80\x80"))
     with pytest.raises(DamagedError, match="sequence"):
-        opener.open(sealed_by_hand(b"\xa1\x01\x00\x80"))
+        opener.open(sealed_by_hand(b"\xb1\x01\x00\x80"))
 
 
 def test_reasons_are_a_fixed_vocabulary():
