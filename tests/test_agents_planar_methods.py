@@ -216,7 +216,7 @@ def test_where_one_half_is_unknown_the_look_goes_there(name: str) -> None:
     assert look.path_m[-1].tolist() == [look.pose.x_m, look.pose.y_m]
 
 
-@pytest.mark.parametrize("name", planar.names())
+@pytest.mark.parametrize("name", planar.METHODS.names())
 def test_a_method_ends_where_nothing_is_left_to_map(name: str) -> None:
     known = np.full((12, 12), -SURE)
     known[[0, -1]] = known[:, [0, -1]] = SURE
@@ -227,7 +227,7 @@ def test_a_method_ends_where_nothing_is_left_to_map(name: str) -> None:
     assert chosen(name, known, (6, 6)) is not None
 
 
-@pytest.mark.parametrize("name", planar.names())
+@pytest.mark.parametrize("name", planar.METHODS.names())
 def test_a_method_ends_where_nothing_new_can_be_seen_from_where_one_can_go(name: str) -> None:
     shut = np.zeros((14, 14))
     shut[2:9, 2:9] = SURE
@@ -235,7 +235,7 @@ def test_a_method_ends_where_nothing_new_can_be_seen_from_where_one_can_go(name:
     assert chosen(name, shut, (5, 5)) is None
 
 
-@pytest.mark.parametrize("name", planar.names())
+@pytest.mark.parametrize("name", planar.METHODS.names())
 def test_the_same_view_and_lot_give_the_same_look(name: str) -> None:
     one, again = (chosen(name, half_known(), (20, 10)) for _ in range(2))
     assert one is not None
@@ -245,7 +245,7 @@ def test_the_same_view_and_lot_give_the_same_look(name: str) -> None:
     assert (one.gain, one.claim) == (again.gain, again.claim)
 
 
-@pytest.mark.parametrize("name", planar.names())
+@pytest.mark.parametrize("name", planar.METHODS.names())
 def test_looks_are_taken_where_a_robot_can_stand(name: str) -> None:
     log_odds = half_known()
     look = chosen(name, log_odds, (20, 10))

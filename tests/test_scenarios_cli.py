@@ -71,6 +71,12 @@ def test_a_run_gets_what_was_asked_for(runs: Runs) -> None:
     }
 
 
+def test_a_run_is_watched_as_was_asked_for(runs: Runs) -> None:
+    assert exit_code("run", "cliff", "--view", "--no-browser", "--paused", "--port", "8011") == 0
+    page = runs.calls[0][2]["page"]
+    assert (page.opens, page.paused, page.port) == (False, True, 8011)
+
+
 def test_the_clock_of_the_command_line_replaces_that_of_the_file(runs: Runs) -> None:
     real = ["--set", "clock.mode=real", "--set", "clock.speed=9"]
     assert exit_code("run", "cliff", *real) == 0
