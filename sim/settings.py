@@ -42,7 +42,7 @@ class TerrainSettings(Settings):
     cell_m: Annotated[float, Field(gt=0, le=1000)] | None = None
     """Reads the file's shapes at another scale: its cells are taken to be this large, and its
     heights are scaled alike, so that slopes stay. A .png has no scale of its own: this is it."""
-    grey_m: tuple[float, float] | None = None
+    grey_m: Annotated[tuple[float, float] | None, Field(strict=False)] = None
     """Heights of the black and of the white of a .png, m."""
     drop_m: Annotated[float, Field(ge=0.5, le=200)] = 6.0
     """Height of the cliff."""
