@@ -162,8 +162,8 @@ class VoxelKind:
 
     @property
     def least_bits_per_byte(self) -> float:
-        """A mapped cell has less than one bit: some twenty cells for 100 bytes."""
-        return 0.2
+        """As of a floor's cell: each has less than one bit."""
+        return 0.08
 
     @property
     def margin_cells(self) -> int:
