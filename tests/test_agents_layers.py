@@ -156,7 +156,7 @@ def test_a_thousand_points_of_one_look_are_no_surer_than_its_attitude_and_pose()
     one = bin_look(exposure, pose, FRAME, attitude_sigma_rad=0.01, extra_variance=extra)
     assert len(one.rows) == 1
     assert one.variance_m2[0] >= (0.01 * 2.0) ** 2 + 0.02
-    assert one.variance_m2[0] == pytest.approx((0.01 * 2.0) ** 2 + 0.02, rel=1e-3)
+    assert one.variance_m2[0] < (0.01 * 2.0) ** 2 + 0.02 + 0.25**2, "and no worse than half a cell"
 
 
 def test_a_look_that_falls_outside_the_grid_gives_nothing() -> None:

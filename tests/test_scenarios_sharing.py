@@ -49,7 +49,8 @@ def test_a_run_with_a_thin_link_lacks_more_than_one_without_limit(
     for rate_bps in (math.inf, 2400.0, 0.0):
         rows += measure(Trial("mission", "pair", 1, "value", rate_bps, SMALL))
     free, thin, none = chosen(rows, row="run")
-    assert 0 <= free["lacking_share"] < thin["lacking_share"] < none["lacking_share"]
+    assert free["lacking_share"] < 0.05, "what is not worth a version of its tile stays untold"
+    assert 0 <= thin["lacking_share"] < none["lacking_share"]
     assert none["lacking_share"] == pytest.approx(1.0)
     assert none["kb_per_robot_min"] == 0
     series = chosen(rows, row="series", rate_bps=math.inf)

@@ -107,7 +107,7 @@ def test_a_mesh_can_be_mapped(folder: Path) -> None:
     ("overrides", "words"),
     [
         (["method=team"], 'method = "team": must be one of random, raster, max-new'),
-        (["sharing.policy=paper"], "sends no voxel maps; must be one of value, latest-first, raw"),
+        (["sharing.policy=paper"], "must be one of value, latest-first, raw"),
         (["map.tile_cells=128"], "of cubes at most 64 cells a side can be sent"),
         (["world.cave.file=nowhere.ply"], "no such file"),
         (["world.cave.chambers=0"], "world.cave.chambers = 0: must be a whole number of at least"),
