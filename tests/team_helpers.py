@@ -101,6 +101,15 @@ def mask_of(look: Any) -> Any:
     return mask
 
 
+def laid_out(mask: Any) -> np.ndarray:
+    """Return a mask of cells as an array, one of voxels as far as the tiles reach."""
+    if not isinstance(mask, VoxelSet):
+        return mask
+    out = np.zeros(GRIDS["voxel"].cells, dtype=bool)
+    out[tuple(mask.cells().T)] = True
+    return out
+
+
 def window_of(kind: str, tile: int) -> tuple[slice, ...]:
     """Return the cells of a tile in `nowhere`."""
     return GRIDS[kind].window(tile)
