@@ -84,7 +84,9 @@ class WorldSettings(Settings):
 
     terrain: TerrainSettings = TerrainSettings()
     light: LightSettings = LightSettings()
-    landmarks: Annotated[dict[Name, LandmarkSettings], Field(default_factory=dict, max_length=64)]
+    landmarks: Annotated[dict[Name, LandmarkSettings], Field(max_length=64)] = Field(
+        default_factory=dict[str, LandmarkSettings]
+    )
     """By name: things by which a camera on rough ground tells where it is in the team's frame."""
     window_m: Annotated[tuple[Metres, Metres], Field(strict=False)] = (32.0, 32.0)
     """Width (east) and height (north) of the window; a made-up floor is a square."""
