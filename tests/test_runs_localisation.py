@@ -86,7 +86,8 @@ def test_a_correction_costs_its_anchors_bytes_and_no_tile_goes_out_twice(correct
             if key.robot == robot.me.robot
         )
         assert len(told) <= versions, "each version of an anchor goes out once, or not at all"
-        assert len(told) > 0 and times == sorted(times)
+        assert len(told) > 0
+        assert times == sorted(times)
 
 
 def test_a_corrected_map_is_nearer_to_the_truth_than_it_was_drawn(
