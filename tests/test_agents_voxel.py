@@ -14,7 +14,7 @@ from voxel_helpers import BUILD, CELL_M, EXACT, MEANS, PLANNER, SENSOR, hall, ma
 
 from agents.geometry import Pose
 from agents.layers import Anchor
-from agents.maps.planar import LARGEST, MAPPED
+from agents.maps.occupancy import LARGEST, MAPPED
 from agents.maps.voxel import Cube, VoxelKind, VoxelOccupancy, VoxelSubmap, add_up
 from agents.maps.voxellook import VoxelLook, chances, look_odds
 from agents.payloads import OccupancyPyramid, RawOccupancy

@@ -8,7 +8,7 @@ import numpy as np
 from agents.briefing import AgentSettings
 from agents.geometry import Floats, Ints, Pose
 from agents.mapper import Expected, NextLook
-from agents.maps.planar import MAPPED
+from agents.maps.occupancy import MAPPED
 from agents.maps.voxel import VoxelOccupancy
 from agents.maps.voxellook import VoxelLook, chances, look_odds
 from agents.occupancy.matching import Match
