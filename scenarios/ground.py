@@ -106,7 +106,9 @@ def draw_ways(axes: "Axes", ways: Sequence[Way]) -> None:
     for way in ways:
         _draw_way(axes, way, label="" if many else way.label)
         if many and len(way.track_m):
-            style: dict[str, Any] = {"textcoords": "offset points", "fontsize": 8, "zorder": 7}
+            box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
+            style: dict[str, Any] = {"fontsize": 8, "zorder": 7, "bbox": box}
+            style["textcoords"] = "offset points"
             axes.annotate(short(way.name), way.track_m[-1], (6, 3), color=way.colour, **style)
 
 
