@@ -28,7 +28,11 @@ from agents.planar.scene import Means, Scene
 from agents.planar.view import PlanarLook, PlanarView
 
 RELATED = 0.6
-"""Cells along a ray stand or fall together: this power of their chances fits what was measured."""
+"""Cells along a ray stand or fall together: this power of their chances fits what was measured in
+the open; the surer a cell is a wall, the less it is helped by its neighbours."""
+BLAMED = 4.0
+"""Of what was expected and not seen, what was nearly sure to be seen is to blame: this power of
+its chances counts. A gap in a wall that is none after all loses interest, not the room behind."""
 LOOK_PRICE = 0.3
 """What a look costs, as a share of what the best one anywhere shows ..."""
 METRE_PRICE = 0.06
@@ -51,14 +55,15 @@ class TeamInformation:
     def __init__(self, means: Means) -> None:
         """Begin with nothing seen and nothing learned."""
         self._means = means
-        self._memory = Memory(means.planner.beta)
+        self._memory = Memory(means.planner.beta, sure=BLAMED)
         self._hazard = Hazard()
 
     def choose(self, view: PlanarView, rng: np.random.Generator) -> PlanarLook | None:
         """Return the next look, or None when no look is expected to map `min_gain_cells` cells."""
-        interest = self._memory.interest(view) * _not_theirs(view)
+        interest = self._memory.interest(view)
         solid_p = self._hazard.take(view)
-        scene = Scene(view, self._means, interest, pass_p=(1.0 - solid_p) ** RELATED)
+        pass_p = interest * (1.0 - solid_p) ** (RELATED + solid_p)
+        scene = Scene(view, self._means, interest * _not_theirs(view), pass_p=pass_p)
         prospects = Prospects(scene, _promising(scene, rng))
         least = max(self._means.planner.min_gain_cells, 1e-9)
         single, _ = prospects.sets(prospects.worth, 1)
