@@ -67,8 +67,12 @@ def examples(seed: int) -> tuple[Floats, Bools]:
     everything = np.ones(world.solid.shape, dtype=np.bool_)
     watched = Watched(world, everything, Setup("team-information", sensor, DRIVE, planner))
     watched.run(np.random.default_rng([seed, 21]))
-    numbers = [part for part, _ in watched.examples] or [np.zeros((0, SIZES[0]))]
-    solid = [part for _, part in watched.examples] or [np.zeros(0, dtype=np.bool_)]
+    return _joined(watched.examples)
+
+
+def _joined(parts: list[tuple[Floats, Bools]]) -> tuple[Floats, Bools]:
+    numbers = [np.zeros((0, SIZES[0])), *(part for part, _ in parts)]
+    solid = [np.zeros(0, dtype=np.bool_), *(part for _, part in parts)]
     return np.concatenate(numbers), np.concatenate(solid)
 
 
@@ -137,10 +141,9 @@ def main() -> None:
         (held if seed % HELD_BACK == 0 else known).append(found)
         print(f"world {seed}: {len(found[1])} cells, {found[1].mean():.3f} solid", flush=True)
     rng = np.random.default_rng(0)
-    numbers, solid = (np.concatenate([part[k] for part in known]) for k in (0, 1))
-    layers = trained(numbers, solid, rng)
+    layers = trained(*_joined(known), rng)
     for name, parts in (("known", known), ("held back", held)):
-        inputs, answers = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        inputs, answers = _joined(parts)
         share = float(answers.mean())
         blind = -share * np.log(share) - (1.0 - share) * np.log(1.0 - share)
         print(f"{name}: log loss {log_loss(layers, inputs, answers):.4f}, blind {blind:.4f}")

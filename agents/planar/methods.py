@@ -71,7 +71,8 @@ class Memory:
     def expect(self, scene: Scene, cell: tuple[int, int], first: int) -> None:
         """Note what the look that was chosen should show."""
         eye = np.array(cell, dtype=np.int64)
-        self._expected = visibility(scene.through, scene.rays, eye, first) ** self._sure
+        seen_p = visibility(scene.through, scene.rays, eye, first, related=scene.related)
+        self._expected = seen_p**self._sure
         self._before = scene.view.log_odds
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Floats, Ints
-from agents.planar.casting import BEARINGS, HALF, LEAST, Star, star_of
+from agents.planar.casting import BEARINGS, HALF, LEAST, Star, onward, star_of
 from agents.planar.looksets import COARSE, look_sets
 from agents.planar.scene import Scene
 from agents.settings import SensorSettings
@@ -72,7 +72,7 @@ def _list(
                         best[i, j] = p
                         at += 1
                 if n > 0:
-                    p *= through[i, j]
+                    p = onward(p, float(through[i, j]), True)
                     if p < LEAST:
                         break
     first[len(eyes) * sectors] = at

@@ -42,12 +42,14 @@ class Scene:
             means: what it has.
             interest: (rows, cols) weight of each cell's worth (Eq. 9).
             pass_p: (rows, cols) chance that a ray passes a cell if nothing was measured there;
-                None: the share of steps that did, everywhere alike.
+                None: the share of steps that did, everywhere alike. Given, cells along a ray are
+                held to stand or fall together (`casting.onward`).
         """
         self.view = view
         self.means = means
         self.interest = interest
         self._pass_p = pass_p
+        self.related = pass_p is not None
 
     @cached_property
     def rays(self) -> Star:

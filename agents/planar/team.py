@@ -27,9 +27,6 @@ from agents.planar.routes import Prices, Route, Router
 from agents.planar.scene import Means, Scene
 from agents.planar.view import PlanarLook, PlanarView
 
-RELATED = 0.6
-"""Cells along a ray stand or fall together: this power of their chances fits what was measured in
-the open; the surer a cell is a wall, the less it is helped by its neighbours."""
 BLAMED = 4.0
 """Of what was expected and not seen, what was nearly sure to be seen is to blame: this power of
 its chances counts. A gap in a wall that is none after all loses interest, not the room behind."""
@@ -62,7 +59,7 @@ class TeamInformation:
         """Return the next look, or None when no look is expected to map `min_gain_cells` cells."""
         interest = self._memory.interest(view)
         solid_p = self._hazard.take(view)
-        pass_p = interest * (1.0 - solid_p) ** (RELATED + solid_p)
+        pass_p = interest * (1.0 - solid_p)
         scene = Scene(view, self._means, interest * _not_theirs(view), pass_p=pass_p)
         prospects = Prospects(scene, _promising(scene, rng))
         least = max(self._means.planner.min_gain_cells, 1e-9)
@@ -98,7 +95,7 @@ def _promising(scene: Scene, rng: np.random.Generator) -> Ints:
     if len(places) <= most:
         return places
     rays = _thinned(scene.rays)
-    shown = gains(scene.through, scene.lacking, scene.worth, rays, places)
+    shown = gains(scene.through, scene.lacking, scene.worth, rays, places, related=True)
     promise = windows(shown, rays.width).max(axis=1)
     promise[0] = np.inf
     best = np.argsort(-promise, kind="stable")[:most]
@@ -137,7 +134,7 @@ def _refined(
     first, gain = 0, 0.0
     for half, step in REFINED:
         around = _around(scene, place, half, step)
-        ring = sectors(gains(scene.through, scene.lacking, left, scene.rays, around))
+        ring = sectors(gains(scene.through, scene.lacking, left, scene.rays, around, related=True))
         shown, firsts = look_sets(ring, prospects.width, looks)
         row, col = around[:, 0], around[:, 1]
         way_m = scene.way_m[row, col] + onward_m[row, col]
