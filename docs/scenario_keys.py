@@ -48,6 +48,7 @@ TITLES = {
     "": "The scenario itself",
     "clock": "Clock",
     "robots.NAME": "One robot",
+    "robots.NAME.recording": "A recording in a robot's place",
     "links": "Links",
     "events": "Events",
     "world": "World",
