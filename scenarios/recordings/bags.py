@@ -4,14 +4,13 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from scenarios.ros2.cdrreading import CdrError, decode
-from scenarios.ros2.types import DEFINITIONS
 from sim.errors import WorldError
 
 SUFFIXES = (".mcap", ".db3")
@@ -59,7 +58,7 @@ class Bag:
 
         """
         for file in self.files:
-            for topic, logged_ns, data in self._guarded(file, lambda f: _messages(f, topics)):
+            for topic, logged_ns, data in self._guarded(file, partial(_messages, topics=topics)):
                 yield self._message(topic, logged_ns, data)
 
     def _message(self, topic: str, logged_ns: int, data: bytes) -> Message:
@@ -78,7 +77,7 @@ class Bag:
             return look(file)
         except OSError as error:
             raise WorldError(f"{file}: can't be read: {error.strerror or error}") from error
-        except (McapError, sqlite3.Error, ValueError, LookupError) as error:
+        except Exception as error:  # whatever damage does to those who read it
             said = str(error) or type(error).__name__
             raise WorldError(f"{file}: is no recording, or a damaged one: {said}") from error
 
@@ -147,8 +146,3 @@ def _messages(file: Path, topics: tuple[str, ...]) -> list[tuple[str, int, bytes
 
 def _opened(file: Path) -> sqlite3.Connection:
     return sqlite3.connect(f"{file.absolute().as_uri()}?mode=ro", uri=True)
-
-
-def known(kind: str) -> bool:
-    """Say whether messages of a type can be read."""
-    return kind in DEFINITIONS

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from agents.geometry import Floats, Ints, Pose
+from agents.settings import DriveSettings
 from agents.stereo.calibration import Calibration
 from comms.timebase import NS, from_s
 from scenarios.recordings import looks
@@ -43,7 +44,18 @@ def recorded(scenario: Scenario, name: str, start: Pose | None) -> Led | None:
     return Led(begun, from_s(scenario.joins_s(name)), robot.recording.drift)
 
 
-@lru_cache(maxsize=4)
+def drive_of(scenario: Scenario, name: str) -> DriveSettings:
+    """Return what a robot may believe of its wheels: one that is led slips no more than it drifts.
+
+    A robot estimates by how much its wheels slip; the poses of a recording have that in them.
+    """
+    recording, drive = scenario.robots[name].recording, scenario.drive
+    if recording is None:
+        return drive
+    slip_bias_sigma = recording.drift * drive.slip_bias_sigma
+    return drive.model_copy(update={"slip_bias_sigma": slip_bias_sigma})
+
+
 def read(settings: RecordingSettings, height_m: float) -> Recording:
     """Return a recording; where its looks stand in no sensor's frame, that is `height_m` up.
 
@@ -51,7 +63,16 @@ def read(settings: RecordingSettings, height_m: float) -> Recording:
         WorldError: it can't be read, or poses and looks don't fit together.
 
     """
-    return _Reading(settings, height_m).read()
+    try:
+        changed_ns = Path(settings.file).stat().st_mtime_ns
+    except OSError as error:
+        raise WorldError(f"{settings.file}: can't be read: {error.strerror}") from error
+    return _read(settings.model_dump_json(), height_m, changed_ns)
+
+
+@lru_cache(maxsize=4)
+def _read(settings: str, height_m: float, _changed_ns: int) -> Recording:
+    return _Reading(RecordingSettings.model_validate_json(settings), height_m).read()
 
 
 class _Reading:

@@ -74,13 +74,12 @@ def _text(stream: _Stream) -> str:
 
 
 def _numbers(kind: str, fixed: int | None) -> Read:
-    dtype = np.dtype(f"<{CODES[kind]}")
+    size = struct.calcsize(f"<{CODES[kind]}")
 
     def read(stream: _Stream) -> Any:
         count = _count(stream) if fixed is None else fixed
-        size = dtype.itemsize
         taken = stream.take(count * size, size if count else 1)
-        return np.frombuffer(taken, dtype.newbyteorder(stream.order))
+        return np.frombuffer(taken, np.dtype(f"{stream.order}{CODES[kind]}"))
 
     return read
 
