@@ -5,6 +5,7 @@ import os
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -26,9 +27,14 @@ APART = ("experiment",)
 """Minutes each, however small: run one by one, below."""
 NEEDED = ("cliff-1", "cliff", "demo")
 """Runs that pages speak of and that an earlier page left; here the same one, made once."""
-REFUSED = {"--ros2": "rmw_zenohd", "ros2": "rmw_zenohd", "tcp://10.0.0.7:8786": "10.0.0.7"}
+REFUSED = {"--ros2": "rmw_zenohd", "ros2": "rmw_zenohd", "tcp://10.0.0.7:8786": "tcp://127.0.0.1:1"}
 """What can't be had here (ROS's router, a cluster) is refused in a sentence that names it."""
-EXPERIMENTS = [one for page in PAGES for one in commands(page) if one.argv[1] in APART]
+EXPERIMENTS = [
+    one
+    for page in PAGES
+    for one in commands(page)
+    if one.argv[0] == "ropeteam" and one.argv[1] in APART
+]
 FEW = {
     "compress": ["cell_m=0.4"],
     "edge": [],
@@ -54,7 +60,7 @@ def ready(tmp_path_factory: pytest.TempPathFactory) -> Path:
     told = {
         name: getattr(calibration, name) for name in ("focal_px", "cx_px", "cy_px", "baseline_m")
     }
-    (folder / "pair.json").write_text(str(told).replace("'", '"'))
+    (folder / "pair.json").write_text(json.dumps(told))
     shipped = ROOT / "scenarios" / "library" / "studies" / "bandwidth.toml"
     (folder / "bandwidth.toml").write_text(study(shipped.read_text()))
     first = smaller(Command("", "ropeteam run cliff --out runs/demo"))
@@ -76,25 +82,71 @@ def environment(folder: Path) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(ROOT), "PATH": path, "PYTHONBREAKPOINT": "0"}
 
 
-@pytest.mark.parametrize("page", [p for p in PAGES if commands(p)], ids=lambda page: page.name)
+@pytest.fixture
+def reader(ready: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Return what brings a reader to a page: in a folder of their own, with what they have."""
+
+    def arrive(page: Path) -> None:
+        if page.name in ELSEWHERE:
+            pytest.skip(ELSEWHERE[page.name])
+        monkeypatch.chdir(tmp_path)
+        for key, value in environment(ready).items():
+            monkeypatch.setenv(key, value)
+        lay_out(ready, tmp_path, page)
+
+    return arrive
+
+
+WITH_COMMANDS = pytest.mark.parametrize(
+    "page", [page for page in PAGES if commands(page)], ids=lambda page: page.name
+)
+
+
+@WITH_COMMANDS
 def test_the_commands_of_a_page(
     page: Path,
-    ready: Path,
-    tmp_path: Path,
+    reader: Callable[[Path], None],
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    if page.name in ELSEWHERE:
-        pytest.skip(ELSEWHERE[page.name])
-    monkeypatch.chdir(tmp_path)
-    for key, value in environment(ready).items():
-        monkeypatch.setenv(key, value)
-    lay_out(ready, tmp_path, page)
+    """All in this process, without what a run draws at its end."""
+    reader(page)
+    monkeypatch.setattr("scenarios.runner.draw", lambda *_: None)
+    for command in commands(page):
+        if command.argv[0] == "cd":
+            break  # to where a package is installed: below, in processes that know of it
+        if command.argv[1] not in APART:
+            try:
+                code = cli.main(smaller(command))
+            except SystemExit as done:  # --help
+                code = done.code
+            hold(command, code, capfd.readouterr().err)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@WITH_COMMANDS
+def test_the_commands_of_a_page_in_a_shell(
+    page: Path, reader: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each in a process of its own, robots too, pictures and all."""
+    reader(page)
     for command in commands(page):
         if command.argv[0] == "cd":
             monkeypatch.chdir(Path.cwd() / command.argv[1])
+        elif command.argv[0] == "pip":
+            monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(ROOT), installed(Path.cwd()))))
         elif command.argv[1] not in APART:
-            check(command, capfd)
+            argv = [word.replace("air=memory", "air=zenoh") for word in smaller(command)]
+            ran = subprocess.run(ropeteam(argv), capture_output=True, text=True, check=False)
+            hold(command, ran.returncode, ran.stderr)
+
+
+def installed(package: Path) -> str:
+    """Install a package as its reader does, but beside this program and not in it."""
+    options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet", "--target", "site"]
+    subprocess.run([sys.executable, "-m", "pip", "install", *options, "."], check=True)
+    return str(package / "site")
 
 
 def lay_out(ready: Path, here: Path, page: Path) -> None:
@@ -103,22 +155,17 @@ def lay_out(ready: Path, here: Path, page: Path) -> None:
         if file.is_file():
             (here / file.name).symlink_to(file)
     (here / "runs").mkdir()
-    made = {command.argv[-1] for command in commands(page) if "--out" in command.argv}
+    made = " ".join(command.line for command in commands(page))
     for name in NEEDED:
-        if f"runs/{name}" not in made:
+        if f"--out runs/{name} " not in f"{made} ":
             (here / "runs" / name).symlink_to(ready / "runs" / "demo")
     for name, text in scenarios(page).items():
         (here / name).write_text(text)
 
 
-def check(command: Command, capfd: pytest.CaptureFixture[str]) -> None:
-    """Run a command, and hold that it ends well, or is refused as it has to be."""
+def hold(command: Command, code: object, said: str) -> None:
+    """Hold that a command ended well, or was refused as it has to be."""
     refusal = next((REFUSED[word] for word in command.argv if word in REFUSED), None)
-    try:
-        code = cli.main(smaller(command))
-    except SystemExit as done:  # --help
-        code = done.code
-    said = capfd.readouterr().err
     assert "Traceback" not in said, f"{command.line}\n{said}"
     assert code == (0 if refusal is None else 2), f"{command.line}\n{said}"
     assert refusal is None or refusal in said
