@@ -59,6 +59,15 @@ class Odometry:
     """Why the drive ended early ("tether taut", "tipped"), or empty."""
 
 
+@dataclass(frozen=True)
+class Step:
+    """How far a robot was led, and what its sensor saw at the end of that."""
+
+    odometry: Odometry | None
+    """Since the step before; None: it stood."""
+    exposure: Exposure | None = None
+
+
 class Camera(Protocol):
     """A ranging camera on a pan/tilt arm; the arm keeps it level with gravity."""
 
@@ -72,6 +81,14 @@ class Body(Protocol):
 
     async def drive(self, turn_rad: float, forward_m: float) -> Odometry:
         """Turn on the spot, then drive straight; return what was measured of it."""
+        ...
+
+
+class Guide(Protocol):
+    """Whoever leads a robot that does not drive itself: a recording, or a person with a remote."""
+
+    async def step(self) -> Step | None:
+        """Wait for the next look, or for the end of a part of the way; None: nothing more comes."""
         ...
 
 
@@ -99,3 +116,5 @@ class Hardware:
     body: Body | None = None
     camera: Camera | None = None
     winch: Winch | None = None
+    guide: Guide | None = None
+    """A robot that has one chooses no look and no way; it has neither body nor camera then."""

@@ -19,12 +19,12 @@ from agents.fusion import compose, stand_of_seer
 from agents.geometry import Floats, Pose, wrap_angle
 from agents.layers import Mask
 from agents.localising import is_located, reference, take_in
-from agents.mapper import Mapper, NextLook
+from agents.mapper import Expected, Mapper, NextLook
 from agents.member import LEG_M, Member
 from agents.messages import Fix
 from agents.occupancy.mapper import OccupancyMapper
 from agents.planar.sense import PlanarSense
-from agents.ports import Exposure, Hardware, Sighting
+from agents.ports import Exposure, Hardware, Odometry, Sighting
 from agents.voxel.sense import VoxelSense
 
 TRAIL_POINTS = 64
@@ -66,7 +66,27 @@ class Robot(Member):
         camera = self.hardware.camera
         assert camera is not None
         exposure = await camera.look(pan_rad, tilt_rad)
-        expected = await self.mapper.expect(pan_rad, tilt_rad)
+        await self._use(exposure, await self.mapper.expect(pan_rad, tilt_rad))
+
+    async def be_led(self) -> bool:
+        """Go a step along with the guide, and take in what it shows; return False at the end.
+
+        A look that was not chosen was not expected to show anything.
+        """
+        guide = self.hardware.guide
+        assert guide is not None
+        step = await guide.step()
+        if step is None:
+            return False
+        if step.odometry is not None:
+            self._moved(step.odometry)
+        if step.exposure is not None:
+            nothing = np.zeros(self.settings.frame.shape, dtype=np.float32)
+            await self._use(step.exposure, Expected(0.0, nothing))
+        return True
+
+    async def _use(self, exposure: Exposure, expected: Expected) -> None:
+        """Localise and fuse by a look."""
         if exposure.ill:
             self.log.event("ill look", "; ".join(exposure.ill))
         self.localise(exposure)
@@ -215,9 +235,12 @@ class Robot(Member):
         body = self.hardware.body
         assert body is not None
         odometry = await body.drive(turn_rad, forward_m)
-        self.filter.predict(odometry)
-        self.trail.append((self.pose.x_m, self.pose.y_m))
-        del self.trail[:-TRAIL_POINTS]
+        self._moved(odometry)
         if odometry.halted:
             self.log.event("halted", odometry.halted)
         return not odometry.halted
+
+    def _moved(self, odometry: Odometry) -> None:
+        self.filter.predict(odometry)
+        self.trail.append((self.pose.x_m, self.pose.y_m))
+        del self.trail[:-TRAIL_POINTS]

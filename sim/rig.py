@@ -17,6 +17,7 @@ from sim.motion import Motions, Segment
 from sim.occupancy import OccupancyBody, RangeCamera, Tread
 from sim.planar import PlanarTread
 from sim.planar_world import PlanarWorld
+from sim.recorded import Led, RecordedGuide
 from sim.rover import RoverBody
 from sim.sensors import SENSORS, Mount
 from sim.stereo.settings import LightSettings
@@ -63,6 +64,7 @@ def make_rig(
     light: LightSettings,
     ground_salt: int,
     kept: Callable[[Shot, Seen], None] = lambda _shot, _seen: None,
+    led: Led | None = None,
 ) -> Rig:
     """Build the hardware that a robot's role has.
 
@@ -70,6 +72,7 @@ def make_rig(
     and tells the others. `landmarks` stand in the world and are seen like team-mates. `tether_m`
     is what is out of an Anchor-bot's drum, None at the start. `light` and `ground_salt`, which
     names the ground's pattern, are for cameras that see images; `kept` is given what these saw.
+    Who is `led` has a guide instead of body and camera.
     """
     role = roles[name]
 
@@ -100,6 +103,9 @@ def make_rig(
             name, tether, lambda _: start, publish, length_m=tether_m, start_ns=start_ns
         )
         return Rig(Hardware(winch=winch), delay_ns, lambda: 0)
+    if led is not None:
+        guide = RecordedGuide(name, led, sensor, drive, publish, start=start, start_ns=start_ns)
+        return Rig(Hardware(guide=guide), delay_ns, lambda: 0)
     rover = RoverBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
     mount = Mount(
         name=name,
