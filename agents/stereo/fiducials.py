@@ -12,13 +12,14 @@ brought to one scale, each as a share of the largest among the candidates:
 A spot near to one that is taken loses by how near it is, so that fiducials spread.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from agents.geometry import Floats, Ints, Singles
+from agents.geometry import Bools, Floats, Ints, Singles
 from agents.stereo.interest import candidates
 from agents.stereo.matching import FLOOR_PX, Matched
 from agents.stereo.noise import Grey
@@ -56,15 +57,20 @@ def choose(
     matched: Matched,
     count: int,
     noise_by_level: Floats,
+    *,
     taken: Floats | None = None,
+    allowed: Bools | None = None,
 ) -> Fiducials:
     """Return at most `count` fiducials of a left image with its disparity, away from those taken.
 
-    `taken` (m, 2) are pixels (u, v) of fiducials that are followed already.
+    `taken` (m, 2) are pixels (u, v) of fiducials that are followed already; `allowed` (H, W) says
+    where fiducials may be: left out, everywhere.
     """
-    spots = candidates(image, noise_by_level)[:MOST]
-    known = np.isfinite(matched.disparity_px[spots[:, 1], spots[:, 0]])
-    spots = spots[known]
+    may_be = np.isfinite(matched.disparity_px)
+    if allowed is not None:
+        may_be &= allowed
+    spots = candidates(image, noise_by_level)
+    spots = spots[may_be[spots[:, 1], spots[:, 0]]][:MOST]
     terms = np.column_stack(
         [
             _to_scale(certainty(matched.sigma_px, spots)),
@@ -72,7 +78,8 @@ def choose(
             _to_scale(depth_contrast(matched.disparity_px, matched.sigma_px, spots)),
         ]
     ).reshape(-1, 3)
-    reach_px = SPREAD * float(np.sqrt(image.size / max(count, 1)))
+    room = image.size if allowed is None else int(allowed.sum())
+    reach_px = SPREAD * math.sqrt(room / max(count, 1))
     picked = spread_out(terms.sum(axis=1), spots.astype(np.float64), count, reach_px, taken)
     return Fiducials(spots[picked].astype(np.float64), terms[picked], len(spots))
 

@@ -16,7 +16,7 @@ from agents.rigidmotion import EgomotionError, Motion
 from agents.stereo import tracks
 from agents.stereo.calibration import Calibration
 from agents.stereo.conditions import ill_conditions
-from agents.stereo.fiducials import Fiducials, choose
+from agents.stereo.fiducials import choose
 from agents.stereo.spots import Frame, Spots, joined, measured, none, placing_noise
 
 SPARE = 2.0
@@ -29,8 +29,8 @@ FIRST_SHARE = 0.25
 """Share that must before the later image is redrawn by the motion itself."""
 BLIND = 0.1
 """Share of an image that must have a depth, or nothing is looked for in it."""
-IN_VIEW = 0.3
-"""Share of the fiducials that must be where the later image shows them."""
+IN_VIEW = 0.2
+"""Share of the earlier image that the later one must show."""
 
 
 @dataclass(frozen=True)
@@ -61,41 +61,48 @@ class _Told:
 
 
 class Odometer:
-    """Adds up nothing: it tells each motion from the pair before it to the pair after it."""
+    """Tells each motion, from the pair before it to the pair after it; adds up nothing."""
 
     def __init__(self, calibration: Calibration, count: int, rng: np.random.Generator) -> None:
         """Follow up to `count` fiducials at a time."""
         self._calibration = calibration
         self._count = count
         self._rng = rng
+        self._survivors = none()
         self.frame: Frame | None = None
-        self._spots = none()
+        """The pair before."""
 
-    def begin(self, frame: Frame) -> None:
-        """Take a pair as the one before, and choose fiducials in it."""
+    def begin(self, frame: Frame | None) -> None:
+        """Take a pair as the one before; None lets go of it."""
         self.frame = frame
-        self._spots = self._filled(frame, none())
-
-    def forget(self) -> None:
-        """Let go of the pair before."""
-        self.frame = None
-        self._spots = none()
+        self._survivors = none()
 
     def step(self, after: Frame, predicted: Motion) -> Step:
-        """Tell the motion to a later pair, which then is the one before."""
+        """Tell the motion to a later pair, which then is the one before.
+
+        Fiducials are those that were followed before and stay in view as far as can be foretold,
+        and fresh ones for the others.
+        """
         assert self.frame is not None, "no pair before"
-        before, spots = self.frame, self._spots
-        told = self._ill(before, after, spots, predicted)
+        before, former = self.frame, self._survivors
+        self.begin(after)
+        h = tracks.homography(
+            predicted, tracks.mean_plane(before.matched, self._calibration), self._calibration
+        )
+        lasting = tracks.in_view(h, before.left.shape)
+        if lasting.mean() < IN_VIEW:
+            return _failed(f"moved or turned too far: the views share {lasting.mean():.0%}")
+        stays = tracks.inside(self._predicted_px(former.points_m, predicted), after.left.shape)
+        spots = self._filled(before, former.only(stays), lasting)
+        told = _ill(before, after, spots)
         if told:
-            self.begin(after)
             return _failed(told, spots.pixels)
         best = self._followed(before, after, spots, predicted, FIRST_SHARE)
         if best.motion is not None:
             # Drawn by the motion itself windows look alike: more are followed, and better.
             best = self._followed(before, after, spots, best.motion, LEAST_SHARE)
-        survivors = none() if best.motion is None else best.there.only(best.inliers)
-        self.frame = after
-        self._spots = self._filled(after, survivors)
+        if best.motion is not None:
+            self._survivors = best.there.only(best.inliers)
         return Step(best.motion, best.reason, spots.pixels, best.after_px, best.inliers)
 
     def _followed(
@@ -140,41 +147,40 @@ class Odometer:
         scaled = calibrated(motion, before.only(found.inliers).points_m, self._calibration)
         return (scaled, found.inliers), ""
 
-    def _ill(self, before: Frame, after: Frame, spots: Spots, predicted: Motion) -> str:
-        """Say why it need not be tried, or nothing."""
-        blind = after.matched.density < BLIND
-        for frame, is_poor in ((before, len(spots.pixels) < FEWEST), (after, blind)):
-            told = ill_conditions(frame.left, frame.right, frame.matched) if is_poor else ()
-            if told:
-                return told[0]
-        if len(spots.pixels) < FEWEST:
-            return f"too few fiducials: {len(spots.pixels)} were found, {FEWEST} are needed"
-        view = float(
-            tracks.inside(self._predicted_px(spots.points_m, predicted), after.left.shape).mean()
-        )
-        if view < IN_VIEW:
-            return f"moved or turned too far: {view:.0%} of the fiducials can be in view"
-        return ""
-
     def _predicted_px(self, points_m: Floats, motion: Motion) -> Floats:
         moved_m = motion.moved(points_m)
         ahead = moved_m[:, 2] > 1e-3
         moved_m[~ahead] = (-1e6, -1e6, 1.0)
         return self._calibration.pixels(moved_m)
 
-    def _filled(self, frame: Frame, spots: Spots) -> Spots:
-        """Return spots with fresh ones for those that are missing."""
+    def _filled(self, frame: Frame, spots: Spots, allowed: Bools) -> Spots:
+        """Return spots with fresh ones, where allowed (H, W), for those that are missing."""
         wanted = self._count - len(spots.pixels)
         if wanted <= 0:
             return spots
-        fresh = self.fiducials(frame, math.ceil(SPARE * wanted), spots.pixels)
+        fresh = choose(
+            frame.left,
+            frame.matched,
+            math.ceil(SPARE * wanted),
+            frame.noise_by_level,
+            taken=spots.pixels,
+            allowed=allowed,
+        )
         new, seen = measured(frame, fresh.pixels, self._calibration)
         seen &= np.cumsum(seen) <= wanted
         return joined(spots, new.only(seen))
 
-    def fiducials(self, frame: Frame, count: int, taken: Floats) -> Fiducials:
-        """Choose fiducials in a pair beside those taken (m, 2)."""
-        return choose(frame.left, frame.matched, count, frame.noise_by_level, taken)
+
+def _ill(before: Frame, after: Frame, spots: Spots) -> str:
+    """Say why it need not be tried, or nothing."""
+    blind = after.matched.density < BLIND
+    for frame, is_poor in ((before, len(spots.pixels) < FEWEST), (after, blind)):
+        told = ill_conditions(frame.left, frame.right, frame.matched) if is_poor else ()
+        if told:
+            return told[0]
+    if len(spots.pixels) < FEWEST:
+        return f"too few fiducials: {len(spots.pixels)} were found, {FEWEST} are needed"
+    return ""
 
 
 def calibrated(motion: Motion, points_m: Floats, c: Calibration) -> Motion:
@@ -187,6 +193,6 @@ def calibrated(motion: Motion, points_m: Floats, c: Calibration) -> Motion:
     return Motion(motion.rotation, motion.translation_m, covariance)
 
 
-def _failed(reason: str, pixels: Floats) -> Step:
-    lost = np.full(pixels.shape, np.nan)
-    return Step(None, reason, pixels, lost, np.zeros(len(pixels), dtype=np.bool_))
+def _failed(reason: str, pixels: Floats | None = None) -> Step:
+    spots = np.zeros((0, 2)) if pixels is None else pixels
+    return Step(None, reason, spots, np.full(spots.shape, np.nan), np.zeros(len(spots), np.bool_))

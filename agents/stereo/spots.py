@@ -73,7 +73,7 @@ def joined(one: Spots, other: Spots) -> Spots:
 def measured(frame: Frame, pixels: Floats, calibration: Calibration) -> tuple[Spots, Bools]:
     """Return spots at pixels (n, 2) of a pair's left image, and which of them have a depth."""
     c = calibration
-    disparity_px, seen = tracks.across(frame.left, frame.right, frame.matched, pixels)
+    disparity_px, seen = tracks.across(frame.left, frame.right, frame.matched, pixels, c)
     depth_m = np.where(seen, c.depth_m(np.where(seen, disparity_px, 1.0)), 1.0)
     seen &= np.isfinite(depth_m)
     depth_m = np.where(seen, depth_m, 1.0)

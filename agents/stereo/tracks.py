@@ -18,7 +18,7 @@ from agents.stereo.interest import nearest_pixels
 from agents.stereo.matching import Matched
 from agents.stereo.noise import Grey
 
-WINDOW_PX = 15
+WINDOW_PX = 21
 LEVELS = 3
 """Halvings of the image at most."""
 RETURN_PX = 0.3
@@ -49,20 +49,24 @@ class Followed:
     """(n,)"""
 
 
-def follow(before: Grey, after: Grey, pixels: Floats, guess: Floats) -> Followed:
+def follow(
+    before: Grey, after: Grey, pixels: Floats, guess: Floats, levels: int = LEVELS
+) -> Followed:
     """Follow spots (n, 2) of (u, v) from one image to another, from a guess (n, 2), and back."""
     if len(pixels) == 0:
         return Followed(pixels, np.zeros(0, dtype=np.bool_))
-    there, ok = _flow(before, after, pixels, guess)
-    back, back_ok = _flow(after, before, there, pixels)
+    there, ok = _flow(before, after, pixels, guess, levels)
+    back, back_ok = _flow(after, before, there, pixels, levels)
     home = np.linalg.norm(back - pixels, axis=1) <= RETURN_PX
     return Followed(there, ok & back_ok & home & inside(there, after.shape))
 
 
-def _flow(one: Grey, other: Grey, pixels: Floats, guess: Floats) -> tuple[Floats, Bools]:
+def _flow(
+    one: Grey, other: Grey, pixels: Floats, guess: Floats, levels: int
+) -> tuple[Floats, Bools]:
     settings: dict[str, Any] = {
         "winSize": (WINDOW_PX, WINDOW_PX),
-        "maxLevel": LEVELS,
+        "maxLevel": levels,
         "criteria": (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 0.003),
         "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
     }
@@ -78,22 +82,6 @@ def inside(pixels: Floats, shape: tuple[int, ...]) -> Bools:
     u, v = pixels[:, 0], pixels[:, 1]
     wide = (u >= EDGE_PX) & (u <= shape[1] - 1 - EDGE_PX)
     return wide & (v >= EDGE_PX) & (v <= shape[0] - 1 - EDGE_PX)
-
-
-def across(left: Grey, right: Grey, matched: Matched, pixels: Floats) -> tuple[Floats, Bools]:
-    """Return disparities (n,) at pixels (n, 2) of the left image, to a tenth of a pixel, and where.
-
-    Semi-global matching tells where to look; what it says of parts of a pixel is not taken.
-    """
-    col, row = nearest_pixels(pixels, matched.disparity_px.shape)
-    near_px = matched.disparity_px[row, col].astype(np.float64)
-    known = np.isfinite(near_px)
-    guess = pixels - np.column_stack((np.nan_to_num(near_px), np.zeros(len(pixels))))
-    found = follow(left, right, pixels, guess)
-    disparity_px = pixels[:, 0] - found.pixels[:, 0]
-    straight = np.abs(found.pixels[:, 1] - pixels[:, 1]) <= ROW_PX
-    close = np.abs(disparity_px - np.nan_to_num(near_px)) <= STEP_PX
-    return disparity_px, known & found.found & straight & close & (disparity_px > 0)
 
 
 def mean_plane(matched: Matched, calibration: Calibration) -> Floats:
@@ -143,34 +131,71 @@ def stretch(h: Floats, pixels: Floats) -> Floats:
 
 
 def follow_through(
-    before: Grey, after: Grey, pixels: Floats, guess: Floats, h: Floats
+    before: Grey, after: Grey, pixels: Floats, guess: Floats, h: Floats, levels: int = LEVELS
 ) -> tuple[Followed, Floats]:
     """Follow spots into a later image that a homography nearly tells; as `follow`.
 
     Also returns the (n, 2, 2) by which an error of a place in the redrawn image is one in the
     later image itself.
     """
+    drawn = redrawn(before, after, h)
+    found = follow(before, drawn, pixels, _unmapped(h, guess), levels)
+    landed = mapped(h, found.pixels)
+    return Followed(landed, found.found & inside(landed, after.shape)), stretch(h, found.pixels)
+
+
+def redrawn(before: Grey, after: Grey, h: Floats) -> Grey:
+    """Return a later image as it would look from the earlier place, and at its exposure.
+
+    What it doesn't show is filled in from the earlier image: a black border would draw all that
+    is near it to itself, and at the coarsest level of the pyramid everything is near it.
+    """
     size = (before.shape[1], before.shape[0])
     flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
     drawn = np.asarray(cv2.warpPerspective(after, h, size, flags=flags), dtype=np.uint8)
-    there = np.asarray(
-        cv2.warpPerspective(np.ones_like(after), h, size, flags=cv2.WARP_INVERSE_MAP)
-    )
-    found = follow(before, _as_bright(drawn, before, there > 0), pixels, _unmapped(h, guess))
-    landed = mapped(h, found.pixels)
-    return Followed(landed, found.found & inside(landed, after.shape)), stretch(h, found.pixels)
+    nearest = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    shown = np.asarray(cv2.warpPerspective(np.ones_like(after), h, size, flags=nearest)) > 0
+    if not shown.any():
+        return before
+    gain = max(float(np.median(before[shown])), 1.0) / max(float(np.median(drawn[shown])), 1.0)
+    bright = np.clip(np.rint(drawn * gain), 0, 255).astype(np.uint8)
+    return np.where(shown, bright, before)
+
+
+def in_view(h: Floats, shape: tuple[int, ...]) -> Bools:
+    """Say which pixels (H, W) a homography leaves in the image, away from its border."""
+    wide = np.zeros(shape, dtype=np.uint8)
+    wide[EDGE_PX:-EDGE_PX, EDGE_PX:-EDGE_PX] = 1
+    flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+    return np.asarray(cv2.warpPerspective(wide, h, (shape[1], shape[0]), flags=flags)) > 0
 
 
 def _unmapped(h: Floats, pixels: Floats) -> Floats:
     return mapped(np.asarray(np.linalg.inv(h), dtype=np.float64), pixels)
 
 
-def _as_bright(image: Grey, like: Grey, shown: Bools) -> Grey:
-    """Return an image at another one's exposure, by their medians where both show something."""
-    if not shown.any():
-        return image
-    gain = max(float(np.median(like[shown])), 1.0) / max(float(np.median(image[shown])), 1.0)
-    return np.clip(np.rint(image * gain), 0, 255).astype(np.uint8)
+def across(
+    left: Grey, right: Grey, matched: Matched, pixels: Floats, calibration: Calibration
+) -> tuple[Floats, Bools]:
+    """Return disparities (n,) at pixels (n, 2) of the left image, to a tenth of a pixel, and where.
+
+    Semi-global matching tells where to look; what it says of parts of a pixel is not taken. The
+    right eye is a camera that moved by the baseline: its image too is redrawn by the mean plane,
+    for level ground is sheared from eye to eye.
+    """
+    c = calibration
+    col, row = nearest_pixels(pixels, matched.disparity_px.shape)
+    near_px = matched.disparity_px[row, col].astype(np.float64)
+    known = np.isfinite(near_px)
+    guess = pixels - np.column_stack((np.nan_to_num(near_px), np.zeros(len(pixels))))
+    to_right = Motion(np.eye(3), np.array([-c.baseline_m, 0.0, 0.0]), np.zeros((6, 6)))
+    aside = np.array([[1.0, 0.0, c.doffs_px], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    h = aside @ homography(to_right, mean_plane(matched, c), c)
+    found = follow_through(left, right, pixels, guess, h, levels=0)[0]
+    disparity_px = pixels[:, 0] - found.pixels[:, 0]
+    straight = np.abs(found.pixels[:, 1] - pixels[:, 1]) <= ROW_PX
+    close = np.abs(disparity_px - np.nan_to_num(near_px)) <= STEP_PX
+    return disparity_px, known & found.found & straight & close & (disparity_px > 0)
 
 
 def agreeing(before: Floats, after: Floats, calibration: Calibration) -> Bools:
