@@ -77,7 +77,10 @@ def test_trials_take_what_is_set() -> None:
 
 
 def test_claims_say_what_the_rows_say(rows: Sequence[Row]) -> None:
-    growth, nearer, more, spread, said, paper = conclude(rows).claims
+    drift, growth, nearer, more, spread, said, paper = conclude(rows).claims
+    assert drift.held
+    end_m = 16 * 0.05
+    assert drift.number == pytest.approx(100 * curve(rows, OURS, 0.35, 24)[-1] / end_m)
     assert growth.held
     assert nearer.held
     far, near = (curve(rows, OURS, d, 24)[-1] for d in (1.1, 0.35))
@@ -92,7 +95,7 @@ def test_claims_say_what_the_rows_say(rows: Sequence[Row]) -> None:
 
 def test_a_claim_that_does_not_hold_is_told_so(rows: Sequence[Row]) -> None:
     level = [{**row, OURS: 0.01} if row["kind"] == "path" else row for row in rows]
-    growth, nearer, more, *_ = conclude(level).claims
+    _, growth, nearer, more, *_ = conclude(level).claims
     assert [growth.held, nearer.held, more.held] == [False] * 3
     assert nearer.number == pytest.approx(1.0)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.egomotion import Tracks, find_motion
+from agents.egomotion import Found, Tracks, find_motion
 from agents.geometry import Bools, Floats
 from agents.rigidmotion import EgomotionError, Motion
 from agents.stereo import tracks
@@ -47,6 +47,8 @@ class Step:
     """(n, 2) where they were found; NaN where they were not."""
     inliers: Bools
     """(n,) those that speak for the motion."""
+    tracks: Tracks | None = None
+    """These, measured in space before and after."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,7 @@ class _Told:
     there: Spots
     after_px: Floats
     inliers: Bools
+    tracks: Tracks | None
 
 
 class Odometer:
@@ -103,7 +106,9 @@ class Odometer:
             best = self._followed(before, after, spots, best.motion, LEAST_SHARE)
         if best.motion is not None:
             self._survivors = best.there.only(best.inliers)
-        return Step(best.motion, best.reason, spots.pixels, best.after_px, best.inliers)
+        return Step(
+            best.motion, best.reason, spots.pixels, best.after_px, best.inliers, best.tracks
+        )
 
     def _followed(
         self, before: Frame, after: Frame, spots: Spots, predicted: Motion, share: float
@@ -117,25 +122,29 @@ class Odometer:
         kept = followed.found & seen
         kept[kept] = tracks.agreeing(spots.pixels[kept], followed.pixels[kept], c)
         noise = there.noise + placing_noise(before, spots.pixels, stretch, there.points_m, c)
-        found, reason = self._moved(
-            spots.only(kept),
-            Spots(there.pixels[kept], there.points_m[kept], noise[kept]),
-            share,
+        pairs = (
+            Tracks(spots.points_m[kept], there.points_m[kept], spots.noise[kept], noise[kept])
+            if kept.sum() >= FEWEST
+            else None
         )
         inliers = np.zeros(len(kept), dtype=np.bool_)
-        if found is not None:
-            inliers[kept] = found[1]
         after_px = np.where(followed.found[:, None], followed.pixels, np.nan)
-        return _Told(None if found is None else found[0], reason, there, after_px, inliers)
+        if pairs is None:
+            reason = (
+                f"too few tracks: {int(kept.sum())} fiducials were followed, {FEWEST} are needed"
+            )
+            return _Told(None, reason, there, after_px, inliers, None)
+        found, reason = self._agreed(pairs, share)
+        if found is None:
+            return _Told(None, reason, there, after_px, inliers, None)
+        inliers[kept] = found.inliers
+        agreed = pairs.only(found.inliers)
+        motion = calibrated(found.motion, agreed.before_m, self._calibration)
+        return _Told(motion, "", there, after_px, inliers, agreed)
 
-    def _moved(
-        self, before: Spots, after: Spots, share: float
-    ) -> tuple[tuple[Motion, Bools] | None, str]:
+    def _agreed(self, pairs: Tracks, share: float) -> tuple[Found | None, str]:
         """Return the motion and who agrees on it, or why there is none."""
-        n = len(before.pixels)
-        if n < FEWEST:
-            return None, f"too few tracks: {n} fiducials were followed, {FEWEST} are needed"
-        pairs = Tracks(before.points_m, after.points_m, before.noise, after.noise)
+        n = len(pairs.before_m)
         try:
             found = find_motion(pairs, self._rng)
         except EgomotionError as error:
@@ -143,9 +152,7 @@ class Odometer:
         agree = int(found.inliers.sum())
         if agree < max(FEWEST, share * n):
             return None, f"the tracks agree on no motion: {agree} of {n} do"
-        motion = found.motion
-        scaled = calibrated(motion, before.only(found.inliers).points_m, self._calibration)
-        return (scaled, found.inliers), ""
+        return found, ""
 
     def _predicted_px(self, points_m: Floats, motion: Motion) -> Floats:
         moved_m = motion.moved(points_m)
