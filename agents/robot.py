@@ -25,6 +25,7 @@ from agents.messages import Fix
 from agents.planarmapper import PlanarMapper
 from agents.ports import Exposure, Hardware, Sighting
 from agents.voxelmapper import VoxelMapper
+from agents.waywatch import WayWatch
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
@@ -57,6 +58,10 @@ class Robot(Member):
         self.plan: NextLook | None = None
         """The look that it is about to take."""
         self.trail = [(self.pose.x_m, self.pose.y_m)]
+        self.watch: WayWatch | None = None
+        """Sees how it moves, if it has the eyes for that."""
+        if hardware.eyes is not None and settings.sensor.stereo.odometry:
+            self.watch = WayWatch(hardware.eyes, settings.sensor, rng.spawn(1)[0], log.event)
 
     # --- look, localise, fuse -------------------------------------------------------------
 
@@ -64,6 +69,8 @@ class Robot(Member):
         """Look once at a heading (pan from ahead), and take in all that it shows."""
         camera = self.hardware.camera
         assert camera is not None
+        if self.watch is not None:
+            self.watch.tell_way()
         exposure = await camera.look(pan_rad, tilt_rad)
         expected = await self.mapper.expect(pan_rad, tilt_rad)
         if exposure.ill:
@@ -210,11 +217,15 @@ class Robot(Member):
                 return False
 
     async def drive(self, turn_rad: float, forward_m: float) -> bool:
-        """Turn and drive; the pose follows the odometry. Return False where the body halted."""
+        """Turn and drive; the pose follows. Return False where the body halted."""
         body = self.hardware.body
         assert body is not None
+        if self.watch is not None:
+            await self.watch.begin(turn_rad, self.filter)
         odometry = await body.drive(turn_rad, forward_m)
         self.filter.predict(odometry)
+        if self.watch is not None:
+            await self.watch.end(odometry, self.filter)
         self.trail.append((self.pose.x_m, self.pose.y_m))
         del self.trail[:-TRAIL_POINTS]
         if odometry.halted:

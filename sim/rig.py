@@ -16,6 +16,7 @@ from sim.planar import PlanarBody, PlanarCamera
 from sim.planar_world import PlanarWorld
 from sim.rover import RoverBody
 from sim.sensors import SENSORS, Mount
+from sim.stereo.camera import StereoCamera
 from sim.stereo.settings import LightSettings
 from sim.stereo.shoot import Shot
 from sim.tethered import TetheredBody
@@ -119,7 +120,9 @@ def make_rig(
         kept=kept,
     )
     camera = SENSORS.find(sensor.kind)(mount)
-    return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)
+    eyes = camera if isinstance(camera, StereoCamera) else None
+    hardware = Hardware(body=rover, camera=camera, eyes=eyes)
+    return Rig(hardware, delay_ns, lambda: rover.hazards_hit)
 
 
 def _first_length_m(roles: dict[str, str], motions: Motions, anchor: Pose) -> float:
