@@ -166,7 +166,9 @@ class GroundLayers:
     rim_m: Floats
     """Distance to the polygon's rim, the plateau's end or the map's border."""
     passable: Bools
-    """Inside, gentle, measured, and clear of rocks and ledges."""
+    """Inside, gentle, measured, and half a footprint clear of rocks and ledges."""
+    roomy: Bools
+    """Those with room besides, and clear of what is almost a rock or a ledge, too."""
 
     def drivable(self, inset_m: float) -> Bools:
         """Return the passable cells that lie farther than `inset_m` from the rim."""
@@ -189,10 +191,13 @@ def ground_layers(
     gentle = surface.plane_slope(completed_m, footprint_m, cell_m) <= math.tan(
         math.radians(max_slope_deg)
     )
-    rough = surface.roughness(completed_m, wheel_m, footprint_m, cell_m, sigma_m).hazard
-    blocked = rough | (known_distance_m > wheel_m)
-    clear = markov.distance_to_known_m(blocked, cell_m) > 0.5 * footprint_m
-    return GroundLayers(_distance_to_false_m(within, cell_m), within & gentle & clear)
+    rough = surface.roughness(completed_m, wheel_m, footprint_m, cell_m, sigma_m)
+    gap_m = markov.distance_to_known_m(rough.hazard | (known_distance_m > wheel_m), cell_m)
+    passable = within & gentle & (gap_m > 0.5 * footprint_m)
+    near_m = markov.distance_to_known_m(rough.likely, cell_m)
+    roomy = passable & (gap_m > 0.5 * footprint_m + surface.CLEARANCE_M)
+    roomy &= near_m > 0.5 * footprint_m
+    return GroundLayers(_distance_to_false_m(within, cell_m), passable, roomy)
 
 
 def drivable(
@@ -229,6 +234,4 @@ def drivable(
 
 def _distance_to_false_m(mask: Bools, cell_m: float) -> Floats:
     """Return each cell's distance to the nearest cell that is not in the mask, or off the map."""
-    padded = np.pad(mask, 1).astype(np.uint8)
-    cells = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return cells[1:-1, 1:-1].astype(np.float64) * cell_m
+    return markov.distance_to_known_m(np.pad(~mask, 1, constant_values=True), cell_m)[1:-1, 1:-1]

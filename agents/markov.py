@@ -122,10 +122,10 @@ def distance_to_known_m(known: Bools, cell_m: float) -> Floats:
     """
     if not known.any():
         return np.full(known.shape, np.inf)
-    unknown = (~known).astype(np.uint8)
-    return cell_m * cv2.distanceTransform(unknown, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(
-        np.float64
-    )
+    cells = cv2.distanceTransform((~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # OpenCV's roots differ in their last bits with where the arrays happen to lie in memory: two
+    # equal robots would choose differently. The squares are whole numbers.
+    return cell_m * np.sqrt(np.rint(np.square(cells, dtype=np.float64)))
 
 
 def roughness_m(elevation_m: Floats, cell_m: float, *, unknown_m: float = 0.25) -> float:

@@ -14,9 +14,9 @@ CLEARANCE_WEIGHT = 3.0
 """By how much a cell beside a hazard costs more than open ground."""
 DOUBT_WEIGHT = 100.0
 """By how much ground costs more that is all as rough as a hazard, but within the map's noise."""
-SURE_ON_TETHERS = 0.5
+SURE = 0.5
 """Ground whose sigma exceeds this share of a wheel may hide rocks: no tethered robot goes there."""
-LOW_ON_TETHERS = 0.8
+LOW = 0.8
 """On tethers, what stands out by this share of a wheel is a rock, though it might be noise, if two
 by two cells show it (after a mean, `surface.CALM_ROCK` of it); a single cell by a whole wheel."""
 LEG_EXCESS = 1.02
@@ -216,50 +216,44 @@ def length_m(points_m: Floats) -> float:
     return float(np.hypot(*np.diff(points_m, axis=0).T).sum())
 
 
-def traversability(
+def descent_cost(
     elevation_m: Floats,
     sigma_m: Floats,
     *,
     cell_m: float,
     footprint_m: float,
     wheel_m: float,
-    max_slope_deg: float,
-    tethered: bool,
 ) -> Floats:
-    """Return what a metre costs on every cell (H, W): 1 on open ground, inf where nobody may go.
+    """Return what a metre costs a robot on tethers (H, W): 1 on open ground, inf where it may not.
 
-    Without a tether: forbidden are slopes over the footprint steeper than `max_slope_deg`. On
-    tethers (the Cliff-bot) a steep smooth face is allowed. For both are forbidden: rocks and
-    ledges higher than half a wheel, cells unknown farther than one wheel from measured ground,
-    ground whose sigma exceeds a wheel (on tethers half of one: rocks must be seen), and
-    whatever is nearer than half a footprint to one of these; up to one footprint farther the cost
-    rises towards the hazard (by up to 3). Ground that is rough under the footprint, but not surely
-    a hazard, costs up to 100 more: a way round is worth it.
+    A steep smooth face is allowed. Forbidden are rocks and ledges higher than half a wheel, cells
+    unknown farther than one wheel from measured ground, ground whose sigma exceeds half a wheel
+    (rocks must be seen), and whatever is nearer than half a footprint to one of these; up to one
+    footprint farther the cost rises towards the hazard (by up to 3). Ground that is rough under the
+    footprint, but not surely a hazard, costs up to 100 more: a way round is worth it.
 
     Args:
         elevation_m: (H, W), NaN where unknown.
         sigma_m: (H, W) standard deviation; only read where the elevation is known.
+        cell_m: cell size.
+        footprint_m: diameter of the circle that the robot covers.
+        wheel_m: diameter of a wheel.
     """
     known = ~np.isnan(elevation_m)
     if not known.any():
         return np.full(elevation_m.shape, np.inf)
     whole = markov.complete(elevation_m)
     sigma = np.where(known, sigma_m, 0.0)
-    shares = surface.APART if tethered else surface.WHOLE
-    rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma, shares)
+    rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma)
     # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
-    unsure = surface.mean_over(sigma, 3) > (SURE_ON_TETHERS if tethered else 1.0) * wheel_m
-    blocked = rough.hazard | (known & unsure)
-    if tethered:
-        blocked |= rough.raw_m > wheel_m
-        blocked |= rough.calm_m > surface.CALM_ROCK * LOW_ON_TETHERS * wheel_m
+    blocked = rough.hazard | (known & (surface.mean_over(sigma, 3) > SURE * wheel_m))
+    blocked |= rough.raw_m > wheel_m
+    blocked |= rough.calm_m > surface.CALM_ROCK * LOW * wheel_m
     blocked |= markov.distance_to_known_m(known, cell_m) > wheel_m
     cost = _with_clearance(blocked, footprint_m, cell_m)
-    cost += DOUBT_WEIGHT * surface.mean_over(rough.doubt, surface.odd_cells(footprint_m, cell_m))
-    if not tethered:
-        steep = surface.plane_slope(whole, footprint_m, cell_m)
-        cost[steep > math.tan(math.radians(max_slope_deg))] = np.inf
-    return cost
+    return cost + DOUBT_WEIGHT * surface.mean_over(
+        rough.doubt, surface.odd_cells(footprint_m, cell_m)
+    )
 
 
 def _with_clearance(blocked: Bools, footprint_m: float, cell_m: float) -> Floats:

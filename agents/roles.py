@@ -13,16 +13,15 @@ from agents.mapper import NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.member import SILENT_S
 from agents.messages import TetherCommand, pack_tethers
-from agents.paths import path_to, straight_legs, travel_field, traversability
+from agents.paths import descent_cost, path_to, straight_legs, travel_field
 from agents.robot import Robot
+from agents.surface import CLEARANCE_M
 from comms.frames import Kind
 
 STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
 GOAL_M = 1.0
 """The Cliff-bot has arrived when it stands this near its goal: the goal itself may be barred."""
-CLEARANCE_M = 0.1
-"""Room that the Cliff-bot leaves to hazards besides its own: it knows its place no better."""
 SLACK_M = 0.05
 COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
@@ -243,14 +242,12 @@ def safe_path(
 ) -> Floats | None:
     """Return a way (N, 2) over known and safe ground from a stand to a goal, or None."""
     drive = settings.drive
-    cost = traversability(
+    cost = descent_cost(
         elevation_m,
         sigma_m,
         cell_m=settings.map.cell_m,
         footprint_m=drive.footprint_m + 2 * CLEARANCE_M,
         wheel_m=drive.wheel_m,
-        max_slope_deg=drive.max_slope_deg,
-        tethered=True,
     )
     frame = settings.frame
     start = frame.cell_of(stand.x_m, stand.y_m)

@@ -23,7 +23,7 @@ WISHED = 3.0
 SHARP = 0.25
 """Wished ground is known well enough when its sigma is this share of a wheel."""
 NEAR_COST = 4.0
-"""Cost of a metre on the ground that a robot crosses back into the inset polygon."""
+"""Cost of a metre on ground that a robot would rather not drive on, but may."""
 
 
 class ViewError(AgentError):
@@ -203,6 +203,7 @@ class Scene:
     def cost(self) -> Floats:
         """(H, W) cost of a metre: 1 where the robot may drive, inf elsewhere and at team-mates.
 
+        Beside rocks, and what is almost one, it goes only where there is no way round.
         A robot that has come outside the inset polygon (the map has changed, or its pose) may
         cross the passable ground beside it that is no nearer to the rim than it is.
         """
@@ -226,7 +227,7 @@ class Scene:
                 wheel_m=drive.wheel_m,
                 cell_m=view.frame.cell_m,
             )
-        cost = np.where(free, 1.0, np.inf)
+        cost = np.where(free, np.where(layers.roomy, 1.0, NEAR_COST), np.inf)
         if np.isinf(cost[self.cell]):
             beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
             inward = layers.rim_m >= min(inset_m, layers.rim_m[self.cell])

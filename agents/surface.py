@@ -22,20 +22,17 @@ CALM_ROCK = 0.5625
 """Share of its height that a 1-2-1 mean leaves of a rock of two by two cells."""
 
 
-class Shares(NamedTuple):
-    """Which share of a cell's sigma its neighbours do not have too, in a comparison."""
-
-    raw: float
-    """Of single cells."""
-    calm: float
-    """After a 1-2-1 mean."""
+LIKELY = 0.4
+"""What stands out by this share of a wheel, and by half as many sigmas, is gone round if there is a
+way: a step one cell wide shows half its height in the means of its cells."""
+CLEARANCE_M = 0.1
+"""Room that a robot leaves to hazards besides its own circle: it knows its place no better."""
 
 
-WHOLE = Shares(1.0, 1.0)
-"""All of it, as if each cell erred by itself."""
-APART = Shares(0.7, 0.4)
-"""What was measured in missions: the levelling of a look, which errs for all its cells together, is
-most of their sigma. Single cells have long tails, so more of it is left to them."""
+RAW_APART, CALM_APART = 0.7, 0.4
+"""Which share of a cell's sigma its neighbours do not have too, in a comparison of single cells and
+after a 1-2-1 mean. Measured in missions: the levelling of a look, which errs for all its cells
+together, is most of their sigma. Single cells have long tails, so more of it is left to them."""
 
 
 def odd_cells(length_m: float, cell_m: float) -> int:
@@ -93,6 +90,8 @@ class Roughness(NamedTuple):
     """What wheels should not meet; all (H, W)."""
 
     hazard: Bools
+    likely: Bools
+    """Of what stands out like this, a part is higher than the mean of its cells tells."""
     doubt: Floats
     """In [0, 1]: how nearly a cell is a hazard, noise taken at face value."""
     raw_m: Floats
@@ -107,7 +106,6 @@ def roughness(
     footprint_m: float,
     cell_m: float,
     sigma_m: Floats,
-    shares: Shares = WHOLE,
 ) -> Roughness:
     """Find the cells that hold a rock or a ledge higher than half a wheel.
 
@@ -118,17 +116,18 @@ def roughness(
 
     What the noise of single cells (`sigma_m`, (H, W)) explains is no hazard, or a whole noisy map
     would be one: heights are compared twice, as they are and after a 1-2-1 mean, which leaves
-    `CALM` of the noise, and each time something must stand out `SURE` sigmas of the comparison.
-    `shares` of `sigma_m` count as noise.
+    `CALM` of the noise, and each time something must stand out `SURE` sigmas of the comparison, of
+    which `RAW_APART` and `CALM_APART` count.
     """
     calm = standing_out(smoothed(surface_m), wheel_m, footprint_m, cell_m)
     raw = standing_out(surface_m, wheel_m, footprint_m, cell_m)
     noise_m = SURE * COMPARED * sigma_m
     limit_m = 0.5 * wheel_m
-    hazard = (raw > np.maximum(limit_m, shares.raw * noise_m)) | (
-        calm > np.maximum(limit_m, shares.calm * CALM * noise_m)
+    hazard = (raw > np.maximum(limit_m, RAW_APART * noise_m)) | (
+        calm > np.maximum(limit_m, CALM_APART * CALM * noise_m)
     )
-    return Roughness(hazard, np.minimum(1.0, calm / limit_m) ** 2, raw, calm)
+    likely = raw > np.maximum(LIKELY * wheel_m, 0.5 * RAW_APART * noise_m)
+    return Roughness(hazard, likely, np.minimum(1.0, calm / limit_m) ** 2, raw, calm)
 
 
 def standing_out(surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float) -> Floats:

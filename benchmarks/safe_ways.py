@@ -20,9 +20,9 @@ from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
 from agents.layers import Anchor
 from agents.maps.elevation import Submap
 from agents.maps.elevationlook import bin_look
-from agents.paths import path_to, straight_legs, travel_field, traversability
-from agents.roles import CLEARANCE_M
+from agents.paths import descent_cost, path_to, straight_legs, travel_field
 from agents.settings import DriveSettings
+from agents.surface import CLEARANCE_M
 from scenarios.schema import Scenario, load
 from scenarios.stage import set_stage
 from sim.camera import Scene as View
@@ -92,14 +92,12 @@ def maps(
 def costs(submap: Submap, drive: DriveSettings, cell_m: float) -> Floats:
     """Return what a metre costs the Cliff-bot on a map."""
     elevation_m, variance = submap.estimate((slice(None), slice(None)))
-    return traversability(
+    return descent_cost(
         elevation_m,
         np.sqrt(variance),
         cell_m=cell_m,
         footprint_m=drive.footprint_m + 2 * CLEARANCE_M,
         wheel_m=drive.wheel_m,
-        max_slope_deg=drive.max_slope_deg,
-        tethered=True,
     )
 
 
