@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_helpers import (
     CELL_M,
-    DRIVE,
+    MEANS,
     PLANNER,
-    SENSOR,
     SURE,
     half_known,
     log_odds_of,
@@ -49,7 +48,7 @@ def chosen(
     others: tuple[Pose, ...] = (),
     claims: tuple[tuple[float, float, float], ...] = (),
 ) -> PlanarLook:
-    method = planar.method(OURS, SENSOR, DRIVE, PLANNER)
+    method = planar.method(OURS, MEANS)
     view = view_of(log_odds, cell, others=others, claims=claims)
     look = method.choose(view, np.random.default_rng(1))
     assert look is not None
