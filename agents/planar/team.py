@@ -32,13 +32,13 @@ BLAMED = 4.0
 its chances counts. A gap in a wall that is none after all loses interest, not the room behind."""
 LOOK_PRICE = 0.3
 """What a look costs, as a share of what the best one anywhere shows ..."""
-METRE_PRICE = 0.06
+METRE_PRICE = 0.1
 """... and a metre of the way."""
-CHEAPER = 0.5
-"""Where no route is worth its price, prices come down by this factor."""
+LOOK_CHEAPER, METRE_CHEAPER = 0.75, 0.5
+"""Where no route is worth its price, prices come down by these factors."""
 REFINED = ((6, 2), (2, 1))
 """Half widths and steps, in cells, of the squares in which a place is refined."""
-THIN = 10
+THIN = 4
 """Every so manieth ray is cast to tell which places promise anything."""
 CLAIMED = 0.1
 """What a cell counts that a team-mate said it will look at."""
@@ -111,13 +111,16 @@ def _thinned(rays: Star) -> Star:
 
 
 def _dearest(router: Router, best: float, least: float) -> tuple[Prices, Route]:
-    """Return a route at the highest prices at which one is worth them."""
+    """Return a route at the highest prices at which one is worth them.
+
+    That of a look comes down more slowly: what shows little waits, while more is not too far.
+    """
     prices = Prices(max(least, LOOK_PRICE * best), METRE_PRICE * best)
     while True:
         route = router.best(prices)
         if route:
             return prices, route
-        prices = Prices(max(0.5 * least, CHEAPER * prices.look), CHEAPER * prices.metre)
+        prices = Prices(LOOK_CHEAPER * prices.look, METRE_CHEAPER * prices.metre)
 
 
 def _refined(
