@@ -22,9 +22,10 @@ from agents.localising import is_located, reference, take_in
 from agents.mapper import Expected, Mapper, NextLook
 from agents.member import LEG_M, Member
 from agents.messages import Fix
-from agents.planarmapper import PlanarMapper
+from agents.occupancy.mapper import OccupancyMapper
+from agents.planar.sense import PlanarSense
 from agents.ports import Exposure, Hardware, Odometry, Sighting
-from agents.voxelmapper import VoxelMapper
+from agents.voxel.sense import VoxelSense
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
@@ -32,8 +33,8 @@ TRAIL_POINTS = 64
 
 MAPPERS: dict[str, Callable[["Robot"], Mapper]] = {
     "elevation": ElevationMapper,
-    "planar": PlanarMapper,
-    "voxel": VoxelMapper,
+    "planar": lambda robot: OccupancyMapper(robot, PlanarSense(robot.settings)),
+    "voxel": lambda robot: OccupancyMapper(robot, VoxelSense(robot.settings)),
 }
 """By kind of map."""
 

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
 from agents.markov import distance_to_known_m
 from agents.planar.rays import crossings, fan_rad
-from agents.planar.sensing import sigma_m
 from agents.settings import SensorSettings
 from comms import kernels
 from comms.kernels import kernel
 from sim.errors import WorldError
+from sim.occupancy import measured_m
 
 FREE = 192.0
 """A block whose mean is less is solid; a free pixel counts 254."""
@@ -226,12 +226,7 @@ def look(
     x, y = (pose.x_m - frame.x_m) / frame.cell_m, (pose.y_m - frame.y_m) / frame.cell_m
     angles = pose.yaw_rad + fan_rad(sensor)
     ranges_m = _hits(world.solid, x, y, angles, sensor.range_m / frame.cell_m, seen) * frame.cell_m
-    if rng is not None:
-        noise = rng.standard_normal(ranges_m.shape)
-        hit = np.isfinite(ranges_m)
-        ranges_m[hit] += sigma_m(ranges_m[hit], sensor) * noise[hit]
-        ranges_m = np.where(ranges_m <= sensor.range_m, np.maximum(ranges_m, 0.0), np.inf)
-    return ranges_m, seen
+    return measured_m(ranges_m, sensor, rng), seen
 
 
 def reachable(world: PlanarWorld, footprint_m: float) -> Bools:

@@ -3,16 +3,19 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from agents.geometry import Pose
+from agents.geometry import Floats, Pose
 from agents.ports import Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
 from agents.stereo.eyes import Seen
 from agents.voxel.ground import Build
+from sim import planar_world
 from sim.motion import Motions, Segment
-from sim.planar import PlanarBody, PlanarCamera
+from sim.occupancy import OccupancyBody, RangeCamera, Tread
+from sim.planar import PlanarTread
 from sim.planar_world import PlanarWorld
 from sim.recorded import Led, RecordedGuide
 from sim.rover import RoverBody
@@ -20,7 +23,8 @@ from sim.sensors import SENSORS, Mount
 from sim.stereo.settings import LightSettings
 from sim.stereo.shoot import Shot
 from sim.tethered import TetheredBody
-from sim.voxel.robot import VoxelBody, VoxelCamera
+from sim.voxel import world as voxel_world
+from sim.voxel.robot import VoxelTread
 from sim.voxel.world import VoxelWorld
 from sim.winch import SimWinch
 from sim.worlds import World
@@ -82,18 +86,11 @@ def make_rig(
         held = [(motions.pose_at(a, seen_ns), motions.tether_at(a, seen_ns)) for a in anchors]
         return [(pose, length_m) for pose, length_m in held if pose is not None and length_m > 0]
 
-    if isinstance(terrain, PlanarWorld):
-        on_floor = PlanarBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
-        planar = PlanarCamera(terrain, sensor, on_floor.pose_now, camera_rng)
-        hardware = Hardware(body=on_floor, camera=planar)
-        return Rig(hardware, delay_ns, lambda: on_floor.hazards_hit)
-    if isinstance(terrain, VoxelWorld):
-        ground = terrain.ground(Build.of(drive, sensor, terrain.frame.cell_m))
-        inside = VoxelBody(
-            name, terrain, ground, drive, start, publish, body_rng, start_ns=start_ns
-        )
-        eyes = VoxelCamera(terrain, sensor, inside.pose_now, camera_rng)
-        return Rig(Hardware(body=inside, camera=eyes), delay_ns, lambda: inside.hazards_hit)
+    if isinstance(terrain, PlanarWorld | VoxelWorld):
+        tread, ranges_m = _among_cells(terrain, sensor, drive, camera_rng)
+        among = OccupancyBody(name, tread, drive, start, publish, body_rng, start_ns=start_ns)
+        eyes = RangeCamera(ranges_m, sensor, among.pose_now)
+        return Rig(Hardware(body=among, camera=eyes), delay_ns, lambda: among.hazards_hit)
     if role == "cliffbot":
         body = TetheredBody(
             name, terrain, drive, start, publish, body_rng, tethers=tethers, start_ns=start_ns
@@ -126,6 +123,20 @@ def make_rig(
     )
     camera = SENSORS.find(sensor.kind)(mount)
     return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)
+
+
+def _among_cells(
+    world: PlanarWorld | VoxelWorld,
+    sensor: SensorSettings,
+    drive: DriveSettings,
+    rng: np.random.Generator,
+) -> tuple[Tread, Callable[[Pose, float], Floats]]:
+    """Return where wheels can go in a world, and how a camera ranges in it, erring by `rng`."""
+    if isinstance(world, PlanarWorld):
+        on_floor = partial(planar_world.look, world, sensor=sensor, rng=rng)
+        return PlanarTread(world, drive), lambda pose, _: on_floor(pose)[0]
+    ground = world.ground(Build.of(drive, sensor, world.frame.cell_m))
+    return VoxelTread(world, ground), partial(voxel_world.look, world, sensor=sensor, rng=rng)
 
 
 def _first_length_m(roles: dict[str, str], motions: Motions, anchor: Pose) -> float:

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_helpers import (
-    DRIVE,
+    MEANS,
     PLANNER,
-    SENSOR,
     SURE,
     half_known,
     log_odds_of,
@@ -35,7 +34,7 @@ def chosen(
     others: tuple[Pose, ...] = (),
     claims: tuple[tuple[float, float, float], ...] = (),
 ) -> PlanarLook:
-    method = planar.method(OURS, SENSOR, DRIVE, PLANNER)
+    method = planar.method(OURS, MEANS)
     view = view_of(log_odds, cell, others=others, claims=claims)
     look = method.choose(view, np.random.default_rng(1))
     assert look is not None

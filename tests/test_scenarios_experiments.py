@@ -31,6 +31,7 @@ def trials(options: Options) -> Sequence[int]:
 def measure(trial: int) -> Sequence[Row]:
     if trial == 13:
         raise UsageError("trial 13 is out of luck")
+    MEASURED.append(trial)
     value = float(np.random.default_rng(trial).normal())
     return [{"seed": trial, "value": value}, {"seed": trial, "note": "a, b"}]
 
@@ -62,7 +63,34 @@ def toy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def files(out: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(out.iterdir())}
+    return {path.name: path.read_bytes() for path in sorted(out.iterdir()) if path.is_file()}
+
+
+MEASURED: list[int] = []
+
+
+def test_a_stopped_experiment_goes_on_and_finds_the_same(tmp_path: Path) -> None:
+    out, whole = tmp_path / "out", tmp_path / "whole"
+    with pytest.raises(UsageError, match="out of luck"):
+        frame.run("toy-one", Options(14), out, jobs=1)
+    MEASURED.clear()
+    frame.run("toy-one", Options(12), out, jobs=1, resume=True)
+    assert MEASURED == []
+    frame.run("toy-one", Options(12, {"scale": ["2"]}), out, jobs=1, resume=True)
+    assert MEASURED == [14, 16, 18, 20, 22, 24]  # of 2, 4 ... 24 the others were there
+    frame.run("toy-one", Options(12, {"scale": ["2"]}), whole, jobs=1)
+    assert files(out) == files(whole)
+
+
+def test_an_experiment_does_not_go_on_with_something_else(tmp_path: Path) -> None:
+    with pytest.raises(StudyError, match="holds no experiment 'toy-one'"):
+        frame.run("toy-one", Options(2), tmp_path / "none", jobs=1, resume=True)
+    frame.run("toy-one", Options(2), tmp_path / "out", jobs=1)
+    (tmp_path / "out" / "trials" / "experiment").write_text("another")
+    with pytest.raises(StudyError, match="holds no experiment 'toy-one'"):
+        frame.run("toy-one", Options(2), tmp_path / "out", jobs=1, resume=True)
+    with pytest.raises(UsageError, match="--resume --overwrite"):
+        frame.run("toy-one", Options(2), tmp_path / "out", jobs=1, resume=True, overwrite=True)
 
 
 def test_an_experiment_leaves_rows_tables_claims_and_a_figure(tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """A planar view worked out: what can be driven, what rays may pass, what is worth seeing."""
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -8,25 +7,17 @@ import numpy as np
 from agents import paths
 from agents.geometry import Bools, Floats, Ints
 from agents.markov import complete, distance_to_known_m
+from agents.occupancy.passing import StopPrior, stop_share
+from agents.occupancy.view import Means
 from agents.planar.casting import HALF, Star, star_of
 from agents.planar.sensing import MAPPED
 from agents.planar.view import PlanarView
-from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 
 ASIDE = 1.0
 """By how much a cell beside one that can't be driven costs more."""
-PRIOR_STEPS = 400.0
-"""The prior on how often a ray is stopped counts like so many steps of rays."""
-PRIOR_STOP = 0.03
+PRIOR = StopPrior(0.03)
 
-
-@dataclass(frozen=True)
-class Means:
-    """What a robot has to see and drive with, and how it plans."""
-
-    sensor: SensorSettings
-    drive: DriveSettings
-    planner: PlannerSettings
+__all__ = ["Means", "Scene"]
 
 
 class Scene:
@@ -130,17 +121,7 @@ class Scene:
     @cached_property
     def stop_p(self) -> float:
         """Probability that a step from a free cell is stopped by a solid one, on the map so far."""
-        free, solid = self.view.log_odds < 0, self.view.log_odds > 0
-        steps = stops = 0
-        for axis in (0, 1):
-            low = [slice(None), slice(None)]
-            high = [slice(None), slice(None)]
-            low[axis], high[axis] = slice(None, -1), slice(1, None)
-            a, b = tuple(low), tuple(high)
-            stops += int((free[a] & solid[b]).sum()) + int((solid[a] & free[b]).sum())
-            steps += 2 * int((free[a] & free[b]).sum())
-        steps += stops
-        return (stops + PRIOR_STOP * PRIOR_STEPS) / (steps + PRIOR_STEPS)
+        return stop_share(self.view.log_odds < 0, self.view.log_odds > 0, (0, 1), PRIOR)
 
     @cached_property
     def through(self) -> Floats:

@@ -10,7 +10,8 @@ from scenarios.experiments import EXPERIMENTS
 _DESCRIPTION = """\
 Measures what the paper claims, over some seeds, and says of each claim whether it held. Leaves in
 DIR: rows.csv (all that was measured), a .csv for each table, experiment.json (claims and tables),
-figure.png.
+figure.png; and in trials/ what each trial found, so that a stopped experiment can go on (--resume),
+with more seeds if you like.
 """
 
 
@@ -30,6 +31,9 @@ def add(commands: Commands) -> None:
     command.add_argument("--seeds", type=whole, default=10, metavar="N", help="how many (10)")
     command.add_argument("--out", metavar="DIR", help="where its files go (runs/experiment-NAME-N)")
     command.add_argument("--overwrite", action="store_true", help="replace a former run in DIR")
+    command.add_argument(
+        "--resume", action="store_true", help="go on in DIR: run only the trials that it lacks"
+    )
     command.add_argument(
         "--jobs", type=whole, metavar="N", help="trials at a time (as many as processors)"
     )
@@ -58,7 +62,13 @@ def _run(args: argparse.Namespace) -> int:
     jobs = frame.default_jobs() if args.jobs is None else args.jobs
     show = _Progress(quiet=args.quiet)
     findings = frame.run(
-        args.name, options, out, jobs=jobs, overwrite=args.overwrite, tell=show.line
+        args.name,
+        options,
+        out,
+        jobs=jobs,
+        overwrite=args.overwrite,
+        resume=args.resume,
+        tell=show.line,
     )
     show.done()
     if not args.quiet:
@@ -73,7 +83,7 @@ def _folder(args: argparse.Namespace) -> Path:
     if args.out is not None:
         return Path(args.out)
     name = f"experiment-{args.name}"
-    if args.overwrite:
+    if args.overwrite or args.resume:
         return Path("runs") / f"{name}-{args.seeds}"
     return folder.choose(name, args.seeds)
 

@@ -14,6 +14,7 @@ from scenarios import folder
 from scenarios.errors import UsageError
 from scenarios.experiments import EXPERIMENTS
 from scenarios.experiments.figure import save_figure
+from scenarios.experiments.keeping import Keeper
 from scenarios.experiments.tables import Row, Table, as_csv, as_data, as_text, rows_csv
 from scenarios.record import write_atomic
 
@@ -124,23 +125,37 @@ def run(
     *,
     jobs: int,
     overwrite: bool = False,
+    resume: bool = False,
     tell: Callable[[str], None] = lambda _: None,
 ) -> Findings:
     """Run an experiment and leave its files in a folder; `tell` is given its progress.
+
+    What each trial found is kept as soon as it is known: with `resume` only those are run that the
+    folder does not hold yet.
 
     Raises StudyError for bad input; nothing is written then.
     """
     if options.seeds < 1 or jobs < 1:
         raise UsageError(f"--seeds {options.seeds} --jobs {jobs}: both must be at least 1")
-    folder.check(out, overwrite=overwrite)
+    if resume and overwrite:
+        raise UsageError("--resume --overwrite: one goes on with what the other takes away")
+    keeper = Keeper(out, name)
+    if resume:
+        keeper.check()
+    else:
+        folder.check(out, overwrite=overwrite)
     experiment = load(name)
     trials = experiment.trials(options)
-    rows: list[Row] = []
-    for done, found in enumerate(_measured(experiment, trials, jobs), start=1):
-        rows += found
-        tell(f"{name}: {done} of {len(trials)} trials")
+    missing = [trial for trial in trials if not resume or keeper.rows(trial) is None]
+    kept = len(trials) - len(missing)
+    for done, found in enumerate(_measured(experiment, missing, jobs)):
+        if done == 0 and not resume:
+            folder.prepare(out, overwrite=overwrite)
+            keeper.start()
+        keeper.keep(missing[done], found)
+        tell(f"{name}: {kept + done + 1} of {len(trials)} trials")
+    rows = [row for trial in trials for row in keeper.rows(trial) or ()]
     findings = experiment.conclude(rows)
-    folder.prepare(out, overwrite=overwrite)
     _write(out, name, options, findings, rows)
     save_figure(out / "figure.png", lambda figure: experiment.draw(figure, rows))
     return findings
