@@ -1,6 +1,7 @@
 """A robot's notebook: rows for the runner's tables, and the robot's own MCAP log."""
 
 import contextlib
+import io
 import json
 import math
 from collections.abc import Callable, Generator
@@ -27,7 +28,8 @@ class LogFile:
 
     def __init__(self, path: Path) -> None:
         """Create the file."""
-        self._stream = path.open("wb", buffering=1 << 16)
+        self._raw = path.open("wb", buffering=0)
+        self._stream = io.BufferedWriter(self._raw, 1 << 16)
         self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
         self._channels: dict[str, int] = {}
         self.refusal = ""
@@ -41,7 +43,7 @@ class LogFile:
             yield
         except OSError as error:
             self.refusal = error.strerror or str(error)
-            self._stream.raw.close()  # with what it could not take: nothing is tried again
+            self._raw.close()  # with what it could not take: nothing is tried again
 
     def add(self, row: Row, t_ns: int) -> None:
         """Write a row as JSON under its topic."""

@@ -23,6 +23,7 @@ from scenarios.view.livepage import LivePage
 
 ROOT = Path(__file__).parents[1]
 TINY = [word for one in (*SMALL, *LOW_CLIFF, "limit_s=20") for word in ("--set", one)]
+AIRS = ["memory", pytest.param("zenoh", marks=pytest.mark.slow)]
 
 
 def refusal(capsys: pytest.CaptureFixture[str], *argv: str) -> str:
@@ -130,7 +131,7 @@ def ropeteam(*argv: str, largest_bytes: int | None = None) -> subprocess.Popen[s
     )
 
 
-@pytest.mark.parametrize("air", ["memory", "zenoh"])
+@pytest.mark.parametrize("air", AIRS)
 def test_a_full_disk_ends_logs_not_robots_and_is_told_in_the_end(tmp_path: Path, air: str) -> None:
     out = tmp_path / "out"
     words = ("run", "cliff", *TINY, "--set", f"air={air}", "--set", "limit_s=200", "--quiet")
@@ -165,7 +166,7 @@ def test_a_log_that_the_disk_refuses_ends_and_says_so(tmp_path: Path) -> None:
     assert (tmp_path / "r.mcap").stat().st_size == 3000
 
 
-@pytest.mark.parametrize("air", ["memory", "zenoh"])
+@pytest.mark.parametrize("air", AIRS)
 def test_ctrl_c_twice_ends_at_once_and_leaves_nobody_behind(tmp_path: Path, air: str) -> None:
     out = tmp_path / "out"
     longer = ("--set", "limit_s=7000", "--set", f"air={air}", "--set", "planner.max_looks=200")
