@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.geometry import Floats
 
@@ -68,11 +69,30 @@ class Step:
     exposure: Exposure | None = None
 
 
+@dataclass(frozen=True)
+class Glance:
+    """A rectified pair of grey images, taken to see how the robot moves."""
+
+    pan_rad: float
+    tilt_rad: float
+    left: NDArray[np.uint8]
+    """(H, W)."""
+    right: NDArray[np.uint8]
+
+
 class Camera(Protocol):
     """A ranging camera on a pan/tilt arm; the arm keeps it level with gravity."""
 
     async def look(self, pan_rad: float, tilt_rad: float) -> Exposure:
         """Point the arm (pan counter-clockwise from ahead, tilt positive up) and expose once."""
+        ...
+
+
+class Eyes(Protocol):
+    """A pair of cameras on the same arm, whose images themselves are wanted."""
+
+    async def glance(self, pan_rad: float, tilt_rad: float) -> Glance:
+        """Point the arm, and take a pair at `sensor.stereo.glanced()`'s size."""
         ...
 
 
@@ -115,6 +135,7 @@ class Hardware:
 
     body: Body | None = None
     camera: Camera | None = None
+    eyes: Eyes | None = None
     winch: Winch | None = None
     guide: Guide | None = None
     """A robot that has one chooses no look and no way; it has neither body nor camera then."""

@@ -24,8 +24,9 @@ from agents.member import LEG_M, Member
 from agents.messages import Fix
 from agents.occupancy.mapper import OccupancyMapper
 from agents.planar.sense import PlanarSense
-from agents.ports import Exposure, Hardware, Odometry, Sighting
+from agents.ports import Exposure, Hardware, Sighting
 from agents.voxel.sense import VoxelSense
+from agents.waywatch import WayWatch
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
@@ -58,6 +59,10 @@ class Robot(Member):
         self.plan: NextLook | None = None
         """The look that it is about to take."""
         self.trail = [(self.pose.x_m, self.pose.y_m)]
+        self.watch: WayWatch | None = None
+        """Sees how it moves, if it has the eyes for that."""
+        if hardware.eyes is not None and settings.sensor.stereo.odometry:
+            self.watch = WayWatch(hardware.eyes, settings.sensor, rng.spawn(1)[0], log.event)
 
     # --- look, localise, fuse -------------------------------------------------------------
 
@@ -65,6 +70,8 @@ class Robot(Member):
         """Look once at a heading (pan from ahead), and take in all that it shows."""
         camera = self.hardware.camera
         assert camera is not None
+        if self.watch is not None:
+            self.watch.tell_way()
         exposure = await camera.look(pan_rad, tilt_rad)
         await self._use(exposure, await self.mapper.expect(pan_rad, tilt_rad))
 
@@ -79,7 +86,8 @@ class Robot(Member):
         if step is None:
             return False
         if step.odometry is not None:
-            self._moved(step.odometry)
+            self.filter.predict(step.odometry)
+            self._trace()
         if step.exposure is not None:
             nothing = np.zeros(self.settings.frame.shape, dtype=np.float32)
             await self._use(step.exposure, Expected(0.0, nothing))
@@ -231,16 +239,20 @@ class Robot(Member):
                 return False
 
     async def drive(self, turn_rad: float, forward_m: float) -> bool:
-        """Turn and drive; the pose follows the odometry. Return False where the body halted."""
+        """Turn and drive; the pose follows. Return False where the body halted."""
         body = self.hardware.body
         assert body is not None
+        if self.watch is not None:
+            await self.watch.begin(turn_rad, self.filter)
         odometry = await body.drive(turn_rad, forward_m)
-        self._moved(odometry)
+        self.filter.predict(odometry)
+        if self.watch is not None:
+            await self.watch.end(odometry, self.filter)
+        self._trace()
         if odometry.halted:
             self.log.event("halted", odometry.halted)
         return not odometry.halted
 
-    def _moved(self, odometry: Odometry) -> None:
-        self.filter.predict(odometry)
+    def _trace(self) -> None:
         self.trail.append((self.pose.x_m, self.pose.y_m))
         del self.trail[:-TRAIL_POINTS]

@@ -20,6 +20,7 @@ from sim.planar_world import PlanarWorld
 from sim.recorded import Led, RecordedGuide
 from sim.rover import RoverBody
 from sim.sensors import SENSORS, Mount
+from sim.stereo.camera import StereoCamera
 from sim.stereo.settings import LightSettings
 from sim.stereo.shoot import Shot
 from sim.tethered import TetheredBody
@@ -122,7 +123,9 @@ def make_rig(
         kept=kept,
     )
     camera = SENSORS.find(sensor.kind)(mount)
-    return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)
+    eyes = camera if isinstance(camera, StereoCamera) else None
+    hardware = Hardware(body=rover, camera=camera, eyes=eyes)
+    return Rig(hardware, delay_ns, lambda: rover.hazards_hit)
 
 
 def _among_cells(

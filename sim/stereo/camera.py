@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Floats, Pose
-from agents.ports import Exposure
+from agents.ports import Exposure, Glance
 from agents.settings import SensorSettings
 from agents.stereo.eyes import Look, Seen, calibration_of, left_eye_m, level_from_camera, see
 from agents.stereo.settings import StereoSettings
@@ -137,20 +137,8 @@ class StereoCamera:
     async def look(self, pan_rad: float, tilt_rad: float) -> Exposure:
         """Take `sensor.look_s` to point and see; the exposure is of the moment when it ends."""
         await asyncio.sleep(self._sensor.look_s)
-        t_ns = now_ns()
-        look = Look(to_s(t_ns), pan_rad, tilt_rad)
-        # Rendering and matching take most of a second of a core: the radio must not wait for it.
-        shot = await asyncio.to_thread(
-            take,
-            self._stage,
-            self._sensor,
-            self._sensor.stereo,
-            self._pose_now(),
-            look,
-            others=self._others(t_ns),
-            rng=self._rng,
-            vergence_px=self._vergence_px,
-        )
+        look = Look(to_s(now_ns()), pan_rad, tilt_rad)
+        shot = await self._taken(look, self._sensor.stereo, self._vergence_px)
         seen = await asyncio.to_thread(
             see,
             shot.left,
@@ -162,3 +150,29 @@ class StereoCamera:
         )
         self.kept(shot, seen)
         return seen.exposure
+
+    async def glance(self, pan_rad: float, tilt_rad: float) -> Glance:
+        """`agents.ports.Eyes`: take `sensor.stereo.glance_s` to point and take a smaller pair."""
+        stereo = self._sensor.stereo
+        await asyncio.sleep(stereo.glance_s)
+        look = Look(to_s(now_ns()), pan_rad, tilt_rad)
+        u_px, v_px = self._vergence_px
+        vergence_px = (u_px / stereo.glance_binning, v_px / stereo.glance_binning)
+        shot = await self._taken(look, stereo.glanced(), vergence_px)
+        return Glance(pan_rad, tilt_rad, shot.left, shot.right)
+
+    async def _taken(
+        self, look: Look, stereo: StereoSettings, vergence_px: tuple[float, float]
+    ) -> Shot:
+        """Render a pair; it takes a good part of a second, for which the radio must not wait."""
+        return await asyncio.to_thread(
+            take,
+            self._stage,
+            self._sensor,
+            stereo,
+            self._pose_now(),
+            look,
+            others=self._others(now_ns()),
+            rng=self._rng,
+            vergence_px=vergence_px,
+        )
