@@ -44,6 +44,8 @@ STEEPEST_RAD = math.radians(10.0)
 BIN_RAD = math.radians(1.5)
 """Of surface points in one direction only the nearest are seen."""
 BEHIND_M = 0.12
+GROUND_M = 0.4
+"""A landmark's foot is no farther than this from the ground about it."""
 ROUNDS = 8
 SHARED = 16.0
 """Neighbouring points come out of one another's windows: so many count as one."""
@@ -110,6 +112,9 @@ class Finder:
             fits += self._fits(points_m[thin], sigma_m[thin], eye_m, ground_m)
         if not fits:
             return NotFound("")
+        import os
+        if os.environ.get("DBG"):
+            for f in sorted(fits, key=lambda f: -f.score)[:6]: print("   ", np.round(f.foot_m,2), round(math.degrees(f.yaw_rad)), round(f.on,2), round(f.shown,2))
         fits.sort(key=lambda fit: -fit.score)
         best = fits[0]
         if best.on < LEAST_ON or best.shown < LEAST_SHOWN:
@@ -140,11 +145,17 @@ class Finder:
             yaw_rad = 2 * math.pi * k / HEADINGS
             foot_m = np.append(middle[:2] - (_turn(yaw_rad) @ centre)[:2], ground_m)
             placed = self._registered(source, foot_m, yaw_rad)
-            if placed is not None:
+            if placed is not None and self._near(placed[0], foot_m):
                 fit = self._refined(points_m, sigma_m, eye_m, *placed)
-                if fit is not None:
+                if fit is not None and self._near(fit.foot_m, foot_m):
                     fits.append(fit)
         return fits
+
+    def _near(self, foot_m: Floats, guess_m: Floats) -> bool:
+        """Say whether a foot is where the candidate stands, on its ground."""
+        apart = foot_m - guess_m
+        aside_m = float(np.hypot(apart[0], apart[1]))
+        return aside_m < self.shape.radius_m and abs(float(apart[2])) < GROUND_M
 
     def _registered(
         self, source: Any, foot_m: Floats, yaw_rad: float
@@ -222,9 +233,9 @@ def candidates(points_m: Floats, shape: Shape) -> list[tuple[Bools, float]]:
     floor = np.full(tuple(size), np.inf)
     np.minimum.at(floor, (cell[:, 0], cell[:, 1]), points_m[:, 2])
     wide = 2 * math.ceil(shape.radius_m / GRID_M) + 3
-    known = np.where(np.isfinite(floor), floor, floor[np.isfinite(floor)].max())
-    ground = np.asarray(ndimage.grey_dilation(ndimage.grey_erosion(known, wide), wide))
-    ground = np.asarray(ndimage.gaussian_filter(ground, wide / 4))
+    lowest = np.asarray(ndimage.grey_erosion(floor, wide))
+    # Where nothing was seen nothing is known: it neither lowers the ground nor lifts it.
+    ground = np.asarray(ndimage.grey_dilation(np.where(np.isfinite(lowest), lowest, -np.inf), wide))
     height = points_m[:, 2] - ground[cell[:, 0], cell[:, 1]]
     stands = height > STANDS_M
     marked = np.zeros(tuple(size), dtype=np.bool_)
