@@ -61,6 +61,15 @@ class Odometry:
 
 
 @dataclass(frozen=True)
+class Step:
+    """How far a robot was led, and what its sensor saw at the end of that."""
+
+    odometry: Odometry | None
+    """Since the step before; None: it stood."""
+    exposure: Exposure | None = None
+
+
+@dataclass(frozen=True)
 class Glance:
     """A rectified pair of grey images, taken to see how the robot moves."""
 
@@ -95,6 +104,14 @@ class Body(Protocol):
         ...
 
 
+class Guide(Protocol):
+    """Whoever leads a robot that does not drive itself: a recording, or a person with a remote."""
+
+    async def step(self) -> Step | None:
+        """Wait for the next look, or for the end of a part of the way; None: nothing more comes."""
+        ...
+
+
 class Winch(Protocol):
     """A tether drum on an Anchor-bot, with a brake that closes by itself."""
 
@@ -120,3 +137,5 @@ class Hardware:
     camera: Camera | None = None
     eyes: Eyes | None = None
     winch: Winch | None = None
+    guide: Guide | None = None
+    """A robot that has one chooses no look and no way; it has neither body nor camera then."""

@@ -19,12 +19,13 @@ from agents.fusion import compose, stand_of_seer
 from agents.geometry import Floats, Pose, wrap_angle
 from agents.layers import Mask
 from agents.localising import is_located, reference, take_in
-from agents.mapper import Mapper, NextLook
+from agents.mapper import Expected, Mapper, NextLook
 from agents.member import LEG_M, Member
 from agents.messages import Fix
-from agents.planarmapper import PlanarMapper
+from agents.occupancy.mapper import OccupancyMapper
+from agents.planar.sense import PlanarSense
 from agents.ports import Exposure, Hardware, Sighting
-from agents.voxelmapper import VoxelMapper
+from agents.voxel.sense import VoxelSense
 from agents.waywatch import WayWatch
 
 TRAIL_POINTS = 64
@@ -33,8 +34,8 @@ TRAIL_POINTS = 64
 
 MAPPERS: dict[str, Callable[["Robot"], Mapper]] = {
     "elevation": ElevationMapper,
-    "planar": PlanarMapper,
-    "voxel": VoxelMapper,
+    "planar": lambda robot: OccupancyMapper(robot, PlanarSense(robot.settings)),
+    "voxel": lambda robot: OccupancyMapper(robot, VoxelSense(robot.settings)),
 }
 """By kind of map."""
 
@@ -72,7 +73,28 @@ class Robot(Member):
         if self.watch is not None:
             self.watch.tell_way()
         exposure = await camera.look(pan_rad, tilt_rad)
-        expected = await self.mapper.expect(pan_rad, tilt_rad)
+        await self._use(exposure, await self.mapper.expect(pan_rad, tilt_rad))
+
+    async def be_led(self) -> bool:
+        """Go a step along with the guide, and take in what it shows; return False at the end.
+
+        A look that was not chosen was not expected to show anything.
+        """
+        guide = self.hardware.guide
+        assert guide is not None
+        step = await guide.step()
+        if step is None:
+            return False
+        if step.odometry is not None:
+            self.filter.predict(step.odometry)
+            self._trace()
+        if step.exposure is not None:
+            nothing = np.zeros(self.settings.frame.shape, dtype=np.float32)
+            await self._use(step.exposure, Expected(0.0, nothing))
+        return True
+
+    async def _use(self, exposure: Exposure, expected: Expected) -> None:
+        """Localise and fuse by a look."""
         if exposure.ill:
             self.log.event("ill look", "; ".join(exposure.ill))
         self.localise(exposure)
@@ -226,8 +248,11 @@ class Robot(Member):
         self.filter.predict(odometry)
         if self.watch is not None:
             await self.watch.end(odometry, self.filter)
-        self.trail.append((self.pose.x_m, self.pose.y_m))
-        del self.trail[:-TRAIL_POINTS]
+        self._trace()
         if odometry.halted:
             self.log.event("halted", odometry.halted)
         return not odometry.halted
+
+    def _trace(self) -> None:
+        self.trail.append((self.pose.x_m, self.pose.y_m))
+        del self.trail[:-TRAIL_POINTS]

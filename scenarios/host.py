@@ -32,6 +32,7 @@ from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
 from scenarios.ledger import entry
 from scenarios.notebook import LogFile, Notebook
 from scenarios.record import EventRow, LookRow, MapRow
+from scenarios.recordings import drive_of, recorded
 from scenarios.schema import Scenario
 from scenarios.scorers import scorer_of
 from scenarios.view.hand import as_told
@@ -142,6 +143,7 @@ class Host:
             camera_rng=dice(scenario, self.name, "camera", disk.incarnation),
             light=scenario.world.light,
             ground_salt=scenario.seed,
+            led=recorded(scenario, self.name, self.plan.starts[self.name]),
             kept=lambda shot, seen: self.diary.image(from_s(seen.exposure.t_s), shot.left),
         )
 
@@ -163,7 +165,7 @@ class Host:
             method=scenario.method,
             map=scenario.map.model_copy(update={"cell_m": self.plan.terrain.frame.cell_m}),
             sensor=scenario.sensor,
-            drive=scenario.drive,
+            drive=drive_of(scenario, self.name),
             planner=scenario.planner,
             sharing=scenario.sharing,
             tether=scenario.tether,

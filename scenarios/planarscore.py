@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Bools, Singles
-from agents.maps.planar import MAPPED
+from agents.maps.occupancy import MAPPED
 from agents.voxel.frame import VoxelFrame
 
 

@@ -7,7 +7,8 @@ import numpy as np
 
 from agents.geometry import Bools, Floats, Singles
 from agents.maps.elevation import Estimate
-from agents.maps.planar import MAPPED, Occupancy
+from agents.maps.occupancy import MAPPED
+from agents.maps.planar import Occupancy
 from agents.maps.voxel import VoxelOccupancy
 from agents.voxel.frame import VoxelFrame
 from scenarios.cavern import floor_heights

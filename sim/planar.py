@@ -1,92 +1,35 @@
-"""A floor as robots live on it: what they see, what they run into, and where they start.
+"""A floor as robots live on it: what they run into, what hides them, and where they start.
 
 Walls reach above everybody; robots are low and neither hide a thing nor stand in each other's way.
 """
 
-import asyncio
 import math
-from collections.abc import Callable
 
 import numpy as np
 
 from agents.floorways import gap_m
-from agents.geometry import Bools, Floats, Pose, wrap_angle
+from agents.geometry import Bools, Floats, Pose
 from agents.planar.rays import crossings, most_crossed
-from agents.ports import Exposure
-from agents.settings import DriveSettings, SensorSettings
+from agents.settings import DriveSettings
 from comms import kernels
 from comms.kernels import kernel
-from comms.timebase import now_ns, to_s
-from sim.drift import Leg
-from sim.errors import WorldError
-from sim.planar_world import PlanarWorld, look, reachable
-from sim.rover import Drive, Publish, WheeledBody
+from sim.occupancy import BUMP, apart, facing
+from sim.planar_world import PlanarWorld, reachable
 
-SPACING_M = 1.5
-"""Robots of a team start at least so far from one another."""
 SCRAPE_M, SCRAPES = 0.005, 0.8
 """A robot that touches a wall may come nearer to it by so much in a step, down to this share of its
 radius: wheels slip aside."""
-BUMP = "bump"
-"""Why a drive ended that ran into something solid."""
 
 
-class PlanarCamera:
-    """`agents.ports.Camera` of a planar range camera: a fan of ranges, no points.
+class PlanarTread:
+    """`sim.occupancy.Tread` on a level floor: a circle that must not run into anything."""
 
-    Each ray goes to the face of the first solid cell, and errs by S L^n (Sujan & Meggiolaro,
-    Eq. 4); beyond the depth of field nothing comes back.
-    """
-
-    def __init__(
-        self,
-        world: PlanarWorld,
-        sensor: SensorSettings,
-        pose_now: Callable[[], Pose],
-        rng: np.random.Generator,
-    ) -> None:
-        """Look from `pose_now()`, the robot's own true pose."""
-        self._world = world
-        self._sensor = sensor
-        self._pose_now = pose_now
-        self._rng = rng
-
-    async def look(self, pan_rad: float, tilt_rad: float) -> Exposure:
-        """Take `sensor.look_s` to point and range; the exposure is of the moment when it ends."""
-        await asyncio.sleep(self._sensor.look_s)
-        pose = self._pose_now()
-        panned = Pose(pose.x_m, pose.y_m, pose.z_m, wrap_angle(pose.yaw_rad + pan_rad))
-        ranges_m, _ = look(self._world, panned, self._sensor, self._rng)
-        nothing = np.zeros((0, 3)), np.zeros(0)
-        return Exposure(to_s(now_ns()), pan_rad, tilt_rad, *nothing, ranges_m=ranges_m)
-
-
-class PlanarBody(WheeledBody):
-    """A rover on a level floor: stopped by what is solid, which counts as a hazard hit."""
-
-    def __init__(
-        self,
-        name: str,
-        world: PlanarWorld,
-        drive: DriveSettings,
-        start: Pose,
-        publish: Publish,
-        rng: np.random.Generator,
-        *,
-        start_ns: int = 0,
-    ) -> None:
-        """Stand at a start pose, and publish that; see `WheeledBody`."""
+    def __init__(self, world: PlanarWorld, drive: DriveSettings) -> None:
+        """Take the floor and the robot's size."""
         self._world = world
         self._radius_m = drive.footprint_m / 2
-        super().__init__(name, drive, start, publish, rng, start_ns=start_ns)
 
-    async def _advance(self, before: Pose, leg: Leg) -> Drive:
-        """Drive the straight part; being stopped counts once."""
-        done = await super()._advance(before, leg)
-        self.hazards_hit += done.halted == BUMP
-        return done
-
-    def _refusal(self, here: Pose, there: Pose) -> str:
+    def refusal(self, here: Pose, there: Pose) -> str:
         """Say whether the robot's circle would run into something.
 
         Away from it, it always may; along it, it may scrape.
@@ -100,14 +43,9 @@ class PlanarBody(WheeledBody):
     def _gap_m(self, pose: Pose) -> float:
         return gap_m(self._world.solid, self._world.frame, pose.x_m, pose.y_m, self._radius_m)
 
-    def _grounded(self, pose: Pose) -> Pose:
+    def grounded(self, pose: Pose) -> Pose:
         """Return the pose: the floor is level."""
         return pose
-
-    def _touches(self, pose: Pose) -> bool:
-        """Say nothing touches: what is solid stops the robot before."""
-        del pose
-        return False
 
 
 @kernel
@@ -154,21 +92,10 @@ def place_explorers(
     """
     cells = np.argwhere(reachable(world, footprint_m))
     order = np.argsort(((cells - np.array(world.start)) ** 2).sum(axis=1), kind="stable")
-    spots: list[tuple[float, float]] = []
-    for row, col in cells[order]:
-        x_m, y_m = world.frame.centre_of(int(row), int(col))
-        if all(math.hypot(x_m - x, y_m - y) >= SPACING_M for x, y in spots):
-            spots.append((x_m, y_m))
-        if len(spots) == count:
-            break
-    if len(spots) < count:
-        raise WorldError(
-            f"{count} robots {SPACING_M:g} m apart: the floor has room for {len(spots)}"
-        )
-    turn = float(rng.uniform(-math.pi, math.pi))
+    spots = apart(cells[order], count, world.frame.cell_m)
     return [
-        Pose(x_m, y_m, 0.0, wrap_angle(turn + 2 * math.pi * n / count))
-        for n, (x_m, y_m) in enumerate(spots)
+        Pose(*world.frame.centre_of(int(row), int(col)), 0.0, yaw_rad)
+        for (row, col), yaw_rad in zip(spots, facing(count, rng), strict=True)
     ]
 
 

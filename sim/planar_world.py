@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
 from agents.markov import distance_to_known_m
 from agents.planar.rays import crossings, fan_rad
-from agents.planar.sensing import sigma_m
 from agents.settings import SensorSettings
 from comms import kernels
 from comms.kernels import kernel
 from sim.errors import WorldError
+from sim.occupancy import measured_m
 
 FREE = 192.0
 """A block whose mean is less is solid; a free pixel counts 254."""
@@ -43,7 +43,12 @@ class PlanarWorld:
     """The free cell nearest to the middle of the largest region that a robot can move in."""
 
 
-def _start(solid: Bools, frame: GridFrame, footprint_m: float) -> tuple[int, int]:
+def start_of(solid: Bools, frame: GridFrame, footprint_m: float) -> tuple[int, int]:
+    """Return the free cell nearest to the middle of the largest region that a robot can move in.
+
+    Raises:
+        WorldError: it has no room anywhere.
+    """
     clear = standable(solid, frame.cell_m, footprint_m)
     if not clear.any():
         raise WorldError(f"the world has no room for a robot of {footprint_m} m footprint")
@@ -86,7 +91,7 @@ def made_up(
         solid[middle] = 0
     frame = GridFrame(0.0, 0.0, cell_m, cells, cells)
     walls = solid.astype(np.bool_)
-    return PlanarWorld(frame, walls, _start(walls, frame, footprint_m))
+    return PlanarWorld(frame, walls, start_of(walls, frame, footprint_m))
 
 
 def _block(
@@ -130,7 +135,7 @@ def load_map(path: Path, *, cell_m: float = 0.4, footprint_m: float = 0.4) -> Pl
         raise WorldError(f"{path}: its image is smaller than one cell of {cell_m} m")
     frame = GridFrame(*_origin(path, told["origin"]), cell_m, rows, cols)
     solid = means < FREE
-    return PlanarWorld(frame, solid, _start(solid, frame, footprint_m))
+    return PlanarWorld(frame, solid, start_of(solid, frame, footprint_m))
 
 
 def _yaml(path: Path) -> dict[str, str]:
@@ -226,12 +231,7 @@ def look(
     x, y = (pose.x_m - frame.x_m) / frame.cell_m, (pose.y_m - frame.y_m) / frame.cell_m
     angles = pose.yaw_rad + fan_rad(sensor)
     ranges_m = _hits(world.solid, x, y, angles, sensor.range_m / frame.cell_m, seen) * frame.cell_m
-    if rng is not None:
-        noise = rng.standard_normal(ranges_m.shape)
-        hit = np.isfinite(ranges_m)
-        ranges_m[hit] += sigma_m(ranges_m[hit], sensor) * noise[hit]
-        ranges_m = np.where(ranges_m <= sensor.range_m, np.maximum(ranges_m, 0.0), np.inf)
-    return ranges_m, seen
+    return measured_m(ranges_m, sensor, rng), seen
 
 
 def reachable(world: PlanarWorld, footprint_m: float) -> Bools:

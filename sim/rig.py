@@ -3,24 +3,29 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from agents.geometry import Pose
+from agents.geometry import Floats, Pose
 from agents.ports import Hardware
 from agents.settings import DriveSettings, SensorSettings, TetherSettings
 from agents.stereo.eyes import Seen
 from agents.voxel.ground import Build
+from sim import planar_world
 from sim.motion import Motions, Segment
-from sim.planar import PlanarBody, PlanarCamera
+from sim.occupancy import OccupancyBody, RangeCamera, Tread
+from sim.planar import PlanarTread
 from sim.planar_world import PlanarWorld
+from sim.recorded import Led, RecordedGuide
 from sim.rover import RoverBody
 from sim.sensors import SENSORS, Mount
 from sim.stereo.camera import StereoCamera
 from sim.stereo.settings import LightSettings
 from sim.stereo.shoot import Shot
 from sim.tethered import TetheredBody
-from sim.voxel.robot import VoxelBody, VoxelCamera
+from sim.voxel import world as voxel_world
+from sim.voxel.robot import VoxelTread
 from sim.voxel.world import VoxelWorld
 from sim.winch import SimWinch
 from sim.worlds import World
@@ -60,6 +65,7 @@ def make_rig(
     light: LightSettings,
     ground_salt: int,
     kept: Callable[[Shot, Seen], None] = lambda _shot, _seen: None,
+    led: Led | None = None,
 ) -> Rig:
     """Build the hardware that a robot's role has.
 
@@ -67,6 +73,7 @@ def make_rig(
     and tells the others. `landmarks` stand in the world and are seen like team-mates. `tether_m`
     is what is out of an Anchor-bot's drum, None at the start. `light` and `ground_salt`, which
     names the ground's pattern, are for cameras that see images; `kept` is given what these saw.
+    Who is `led` has a guide instead of body and camera.
     """
     role = roles[name]
 
@@ -80,18 +87,11 @@ def make_rig(
         held = [(motions.pose_at(a, seen_ns), motions.tether_at(a, seen_ns)) for a in anchors]
         return [(pose, length_m) for pose, length_m in held if pose is not None and length_m > 0]
 
-    if isinstance(terrain, PlanarWorld):
-        on_floor = PlanarBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
-        planar = PlanarCamera(terrain, sensor, on_floor.pose_now, camera_rng)
-        hardware = Hardware(body=on_floor, camera=planar)
-        return Rig(hardware, delay_ns, lambda: on_floor.hazards_hit)
-    if isinstance(terrain, VoxelWorld):
-        ground = terrain.ground(Build.of(drive, sensor, terrain.frame.cell_m))
-        inside = VoxelBody(
-            name, terrain, ground, drive, start, publish, body_rng, start_ns=start_ns
-        )
-        eyes = VoxelCamera(terrain, sensor, inside.pose_now, camera_rng)
-        return Rig(Hardware(body=inside, camera=eyes), delay_ns, lambda: inside.hazards_hit)
+    if isinstance(terrain, PlanarWorld | VoxelWorld):
+        tread, ranges_m = _among_cells(terrain, sensor, drive, camera_rng)
+        among = OccupancyBody(name, tread, drive, start, publish, body_rng, start_ns=start_ns)
+        eyes = RangeCamera(ranges_m, sensor, among.pose_now)
+        return Rig(Hardware(body=among, camera=eyes), delay_ns, lambda: among.hazards_hit)
     if role == "cliffbot":
         body = TetheredBody(
             name, terrain, drive, start, publish, body_rng, tethers=tethers, start_ns=start_ns
@@ -104,6 +104,9 @@ def make_rig(
             name, tether, lambda _: start, publish, length_m=tether_m, start_ns=start_ns
         )
         return Rig(Hardware(winch=winch), delay_ns, lambda: 0)
+    if led is not None:
+        guide = RecordedGuide(name, led, sensor, drive, publish, start=start, start_ns=start_ns)
+        return Rig(Hardware(guide=guide), delay_ns, lambda: 0)
     rover = RoverBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
     mount = Mount(
         name=name,
@@ -123,6 +126,20 @@ def make_rig(
     eyes = camera if isinstance(camera, StereoCamera) else None
     hardware = Hardware(body=rover, camera=camera, eyes=eyes)
     return Rig(hardware, delay_ns, lambda: rover.hazards_hit)
+
+
+def _among_cells(
+    world: PlanarWorld | VoxelWorld,
+    sensor: SensorSettings,
+    drive: DriveSettings,
+    rng: np.random.Generator,
+) -> tuple[Tread, Callable[[Pose, float], Floats]]:
+    """Return where wheels can go in a world, and how a camera ranges in it, erring by `rng`."""
+    if isinstance(world, PlanarWorld):
+        on_floor = partial(planar_world.look, world, sensor=sensor, rng=rng)
+        return PlanarTread(world, drive), lambda pose, _: on_floor(pose)[0]
+    ground = world.ground(Build.of(drive, sensor, world.frame.cell_m))
+    return VoxelTread(world, ground), partial(voxel_world.look, world, sensor=sensor, rng=rng)
 
 
 def _first_length_m(roles: dict[str, str], motions: Motions, anchor: Pose) -> float:

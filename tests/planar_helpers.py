@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from agents.geometry import Floats, GridFrame, Pose
-from agents.planar.scene import Means, Scene
+from agents.occupancy.view import Means
+from agents.planar.scene import Scene
 from agents.planar.sensing import MAPPED
 from agents.planar.view import PlanarView
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
@@ -36,7 +37,9 @@ def view_of(
     frame = GridFrame(0.0, 0.0, CELL_M, *log_odds.shape)
     x_m, y_m = frame.centre_of(*cell)
     mapped = np.abs(log_odds) > MAPPED
-    return PlanarView(frame, log_odds, mapped, Pose(x_m, y_m, 0.0, 0.0), others, claims)
+    return PlanarView(
+        frame, log_odds, mapped, pose=Pose(x_m, y_m, 0.0, 0.0), others=others, claims=claims
+    )
 
 
 def scene_of(view: PlanarView, means: Means = MEANS) -> Scene:

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_sim_planar import HOUSE, floor
 
-from agents.floormatch import FLOOR_M, match
 from agents.floorways import gap_m, way_to
 from agents.geometry import Pose, wrap_angle
+from agents.planar.matching import FLOOR_M, match
 from agents.settings import SensorSettings
 from sim.planar_world import look
 

@@ -35,17 +35,8 @@ from team_helpers import (
 from agents.geometry import GridFrame, Pose
 from agents.information import binary_entropy
 from agents.layers import Anchor, OwnLayer
-from agents.maps.planar import (
-    LARGEST,
-    MAPPED,
-    Occupancy,
-    PlanarKind,
-    PlanarSubmap,
-    add_up,
-    nothing,
-    probability,
-    surest,
-)
+from agents.maps.occupancy import LARGEST, MAPPED, probability
+from agents.maps.planar import Occupancy, PlanarKind, PlanarSubmap, add_up, nothing, surest
 from agents.maps.planarlook import LookOdds, look_odds, visible_cells
 from agents.payloads import OccupancyPyramid, RawOccupancy
 from agents.settings import SensorSettings

@@ -23,10 +23,10 @@ from planar_helpers import (
 
 from agents import planar
 from agents.information import binary_entropy, plogp, stretched
+from agents.occupancy.view import Means
 from agents.planar import methods
 from agents.planar.casting import HALF, first_ray
 from agents.planar.methods import BINS, RINGS, Memory, Raster
-from agents.planar.scene import Means
 from agents.planar.sensing import MAPPED
 from comms.plugins import PluginError
 
@@ -37,7 +37,7 @@ CORRIDOR = log_odds_of("..--??")
 
 
 def chosen(name: str, log_odds: np.ndarray, cell: tuple[int, int]):
-    method = planar.method(name, SENSOR, DRIVE, PLANNER)
+    method = planar.method(name, MEANS)
     return method.choose(view_of(log_odds, cell), np.random.default_rng(1))
 
 
@@ -114,8 +114,8 @@ def test_cells_lack_what_they_need_to_be_mapped_weighed_by_interest() -> None:
 def worth(name: str) -> tuple[float, np.ndarray, float]:
     """Return NI of the corridor looked along, p of its cells and N."""
     scene = scene_of(view_of(CORRIDOR, (0, 0)))
-    method = planar.method(name, SENSOR, DRIVE, PLANNER)
-    assert isinstance(method, methods._Paper)  # pyright: ignore[reportPrivateUsage]
+    method = planar.method(name, MEANS)
+    assert isinstance(method, methods._Rated)  # pyright: ignore[reportPrivateUsage]
     found = method._worth(scene, np.array([[0, 0]]), EAST)  # pyright: ignore[reportPrivateUsage]
     reach = SENSOR.range_m / CELL_M
     most = 0.5 * math.radians(SENSOR.fov_deg) * reach * reach + 4 * reach
@@ -271,7 +271,7 @@ def test_the_sensors_noise_and_the_way_count_in_eq_23() -> None:
 
 def test_random_takes_any_candidate_and_raster_goes_row_by_row() -> None:
     log_odds, rng = half_known(), np.random.default_rng(3)
-    method = planar.method("random", SENSOR, DRIVE, PLANNER)
+    method = planar.method("random", MEANS)
     looks = [method.choose(view_of(log_odds, (20, 10)), rng) for _ in range(30)]
     places = {(look.pose.x_m, look.pose.y_m) for look in looks if look}
     yaws = {round(math.degrees(look.pose.yaw_rad)) for look in looks if look}
@@ -290,4 +290,4 @@ def test_random_takes_any_candidate_and_raster_goes_row_by_row() -> None:
 
 def test_a_method_that_does_not_exist_is_refused() -> None:
     with pytest.raises(PluginError, match='"best"; there are: random, raster'):
-        planar.method("best", SENSOR, DRIVE, PLANNER)
+        planar.method("best", MEANS)

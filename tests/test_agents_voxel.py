@@ -14,7 +14,7 @@ from voxel_helpers import BUILD, CELL_M, EXACT, MEANS, PLANNER, SENSOR, hall, ma
 
 from agents.geometry import Pose
 from agents.layers import Anchor
-from agents.maps.planar import LARGEST, MAPPED
+from agents.maps.occupancy import LARGEST, MAPPED
 from agents.maps.voxel import Cube, VoxelKind, VoxelOccupancy, VoxelSubmap, add_up
 from agents.maps.voxellook import VoxelLook, chances, look_odds
 from agents.payloads import OccupancyPyramid, RawOccupancy
@@ -108,7 +108,7 @@ def test_who_does_not_know_where_it_stands_is_unsure_of_all_that_it_sees() -> No
 def test_chances_are_certain_up_to_what_is_known_and_none_behind_it() -> None:
     everything = map_of(HALL, np.ones(HALL.solid.shape, dtype=bool))
     pose = standing(HALL, (4, 7, 6))
-    scene = Scene(VoxelView(HALL.frame, everything, pose), MEANS)
+    scene = Scene(VoxelView(HALL.frame, everything, pose=pose), MEANS)
     cells, p = chances(scene.packed.index, scene.through, 0.9, pose, 0.0, HALL.frame, SENSOR)
     assert np.all(p == 1.0)
     truly = np.zeros(HALL.solid.shape, dtype=bool)
@@ -118,7 +118,7 @@ def test_chances_are_certain_up_to_what_is_known_and_none_behind_it() -> None:
     )  # fmt: skip
     truly[tuple(found.cells.T)] = True
     assert truly[tuple(cells.T)].mean() > 0.97
-    nothing = Scene(VoxelView(HALL.frame, VoxelOccupancy({}), pose), MEANS)
+    nothing = Scene(VoxelView(HALL.frame, VoxelOccupancy({}), pose=pose), MEANS)
     _, vague = chances(nothing.packed.index, nothing.through, 0.9, pose, 0.0, HALL.frame, SENSOR)
     assert vague.max() <= 1.0
     assert vague.min() >= 0.02 * 0.9
@@ -251,7 +251,7 @@ def test_where_wheels_have_stood_is_floor_whatever_looks_said() -> None:
     told = map_of(HALL, np.ones(HALL.solid.shape, dtype=bool))
     cell = (4, 7, 10)
     told.cubes[0, 0, 0].log_odds[3, 7, 10] = -4.0
-    view = VoxelView(HALL.frame, told, standing(HALL, (4, 7, 6)))
+    view = VoxelView(HALL.frame, told, pose=standing(HALL, (4, 7, 6)))
     assert Scene(view, MEANS).ground.place_at(*cell, 0) == AWAY
     stood = replace(view, stood=np.array([cell]))
     assert Scene(stood, MEANS).ground.place_at(*cell, 0) >= 0
@@ -362,12 +362,12 @@ SEEN = observable(HALL, SENSOR, EXACT, PLANNER.tilts_deg)
 def view_of(share: int, cell: tuple[int, int, int] = (4, 7, 6)) -> VoxelView:
     """Return what a robot knows that has seen all west of a column."""
     west = SEEN & (np.arange(HALL.frame.cols) < share)[None, None, :]
-    return VoxelView(HALL.frame, map_of(HALL, west), standing(HALL, cell))
+    return VoxelView(HALL.frame, map_of(HALL, west), pose=standing(HALL, cell))
 
 
 @pytest.mark.parametrize("name", METHODS.own)
 def test_every_method_looks_where_something_is_to_be_seen_until_nothing_is(name: str) -> None:
-    chooser = method(name, SENSOR, EXACT, PLANNER)
+    chooser = method(name, MEANS)
     choice = chooser.choose(view_of(22), np.random.default_rng(1))
     assert choice is not None
     path = choice.path_m
@@ -385,25 +385,23 @@ def test_every_method_looks_where_something_is_to_be_seen_until_nothing_is(name:
 def test_what_proved_not_to_be_visible_is_not_looked_for() -> None:
     view = view_of(22)
     dull = {block: np.zeros((16, 16, 16)) for block in np.ndindex(2, 1, 3)}
-    chooser = method("information-voxel", SENSOR, EXACT, PLANNER)
+    chooser = method("information-voxel", MEANS)
     assert chooser.choose(view, np.random.default_rng(1)) is not None
     assert chooser.choose(replace(view, interest=dull), np.random.default_rng(1)) is None
 
 
 def test_a_robot_in_the_dark_stands_where_it_stands_and_can_look() -> None:
-    view = VoxelView(HALL.frame, VoxelOccupancy({}), standing(HALL, (4, 7, 6)))
+    view = VoxelView(HALL.frame, VoxelOccupancy({}), pose=standing(HALL, (4, 7, 6)))
     scene = Scene(view, MEANS)
     assert scene.place >= 0
-    choice = method("information-voxel", SENSOR, EXACT, PLANNER).choose(
-        view, np.random.default_rng(1)
-    )
+    choice = method("information-voxel", MEANS).choose(view, np.random.default_rng(1))
     assert choice is not None
     assert choice.gain > PLANNER.min_gain_cells
 
 
 def test_an_unknown_method_is_refused() -> None:
     with pytest.raises(PluginError, match='none is named "best"'):
-        method("best", SENSOR, EXACT, PLANNER)
+        method("best", MEANS)
 
 
 # --- where one is ---------------------------------------------------------------------------
@@ -411,7 +409,7 @@ def test_an_unknown_method_is_refused() -> None:
 
 @pytest.mark.parametrize("cell", [(4, 7, 6), (5, 7, 38)])
 def test_a_look_tells_where_it_was_taken(cell: tuple[int, int, int]) -> None:
-    scene = Scene(VoxelView(HALL.frame, map_of(HALL, SEEN), standing(HALL, cell)), MEANS)
+    scene = Scene(VoxelView(HALL.frame, map_of(HALL, SEEN), pose=standing(HALL, cell)), MEANS)
     rng = np.random.default_rng(2)
     for turn in (0.3, 2.0, -1.5):
         true = standing(HALL, cell, turn)
@@ -435,7 +433,7 @@ def test_a_look_tells_where_it_was_taken(cell: tuple[int, int, int]) -> None:
 
 
 def test_where_nothing_is_mapped_a_look_tells_nothing() -> None:
-    scene = Scene(VoxelView(HALL.frame, VoxelOccupancy({}), standing(HALL, (4, 7, 6))), MEANS)
+    scene = Scene(VoxelView(HALL.frame, VoxelOccupancy({}), pose=standing(HALL, (4, 7, 6))), MEANS)
     pose = standing(HALL, (4, 7, 6))
     ranges_m = look(HALL, pose, 0.0, SENSOR, None)
     found = match(

@@ -20,7 +20,7 @@ from team_helpers import (
     nowhere,
 )
 
-from agents.maps.planar import probability
+from agents.maps.occupancy import probability
 from agents.member import KEEP_ALIVE_S
 from agents.robot import Robot
 

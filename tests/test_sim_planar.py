@@ -18,16 +18,9 @@ from agents.planar.rays import fan_rad
 from agents.settings import DriveSettings, SensorSettings
 from sim.errors import WorldError
 from sim.motion import Motions, Segment
-from sim.planar import (
-    BUMP,
-    SPACING_M,
-    PlanarBody,
-    PlanarCamera,
-    PlanarScene,
-    place_explorers,
-    stands_free,
-)
-from sim.planar_world import PlanarWorld, load_map, made_up, observable
+from sim.occupancy import BUMP, SPACING_M, OccupancyBody, RangeCamera
+from sim.planar import PlanarScene, PlanarTread, place_explorers, stands_free
+from sim.planar_world import PlanarWorld, load_map, look, made_up, observable
 from sim.propagation import Propagation
 
 EXACT = DriveSettings(
@@ -185,7 +178,8 @@ def test_walls_stand_in_the_way_of_radio_waves() -> None:
 def exposed(pan_rad: float = 0.0, seed: int = 0, **changes: float):
     sensor = SENSOR.model_copy(update=changes)
     pose = Pose(1.0, 1.8, 0.0, math.pi)
-    camera = PlanarCamera(HOUSE, sensor, lambda: pose, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed)
+    camera = RangeCamera(lambda at, _: look(HOUSE, at, sensor, rng)[0], sensor, lambda: pose)
     return run(camera.look(pan_rad, 0.0))
 
 
@@ -210,9 +204,10 @@ def test_ranges_err_as_equation_4_says_and_the_same_again() -> None:
 # --- driving --------------------------------------------------------------------------------
 
 
-def body(x_m: float, y_m: float, yaw_rad: float, drive: DriveSettings = EXACT) -> PlanarBody:
+def body(x_m: float, y_m: float, yaw_rad: float, drive: DriveSettings = EXACT) -> OccupancyBody:
     start = Pose(x_m, y_m, 0.0, yaw_rad)
-    return PlanarBody("a", HOUSE, drive, start, lambda _: None, np.random.default_rng(0))
+    tread = PlanarTread(HOUSE, drive)
+    return OccupancyBody("a", tread, drive, start, lambda _: None, np.random.default_rng(0))
 
 
 def test_walls_stop_a_robot_and_count_as_hazards() -> None:

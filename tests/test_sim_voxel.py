@@ -14,11 +14,11 @@ from agents.voxel.frame import VoxelFrame
 from agents.voxel.ground import Build
 from sim.errors import WorldError
 from sim.motion import Motions, Segment
-from sim.planar import BUMP, SPACING_M
+from sim.occupancy import BUMP, SPACING_M, OccupancyBody, RangeCamera
 from sim.propagation import Propagation
 from sim.voxel.cave import make_cave
 from sim.voxel.files import MOST_CELLS, read_world
-from sim.voxel.robot import DROP, VoxelBody, VoxelCamera, place_explorers
+from sim.voxel.robot import DROP, VoxelTread, place_explorers
 from sim.voxel.settings import CaveSettings
 from sim.voxel.world import VoxelWorld, best_start, look, observable
 
@@ -165,8 +165,12 @@ def test_the_largest_floor_is_where_the_team_starts() -> None:
 def test_a_camera_ranges_to_the_nearest_rock_and_errs_as_it_says() -> None:
     pose = standing(HALL, (4, 7, 6))
 
+    rng = np.random.default_rng(0)
+
     async def shots() -> np.ndarray:
-        camera = VoxelCamera(HALL, SENSOR, lambda: pose, np.random.default_rng(0))
+        camera = RangeCamera(
+            lambda at, tilt_rad: look(HALL, at, tilt_rad, SENSOR, rng), SENSOR, lambda: pose
+        )
         return np.array([(await camera.look(0.0, 0.0)).ranges_m for _ in range(30)])
 
     seen, true = run(shots()), look(HALL, pose, 0.0, SENSOR, None)
@@ -176,10 +180,10 @@ def test_a_camera_ranges_to_the_nearest_rock_and_errs_as_it_says() -> None:
     assert not np.isfinite(seen[:, ~np.isfinite(true)]).any()
 
 
-def body(cell: tuple[int, int, int], yaw_rad: float, world: VoxelWorld = HALL) -> VoxelBody:
-    ground = world.ground(BUILD)
+def body(cell: tuple[int, int, int], yaw_rad: float, world: VoxelWorld = HALL) -> OccupancyBody:
+    tread = VoxelTread(world, world.ground(BUILD))
     pose = standing(world, cell, yaw_rad)
-    return VoxelBody("a", world, ground, EXACT, pose, lambda _: None, np.random.default_rng(0))
+    return OccupancyBody("a", tread, EXACT, pose, lambda _: None, np.random.default_rng(0))
 
 
 def test_a_robot_climbs_a_step_and_is_stopped_by_a_wall() -> None:

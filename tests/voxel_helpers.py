@@ -4,10 +4,10 @@ import numpy as np
 
 from agents.geometry import Pose
 from agents.maps.voxel import Cube, VoxelOccupancy
+from agents.occupancy.view import Means
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 from agents.voxel.frame import VoxelFrame, by_block
 from agents.voxel.ground import Build
-from agents.voxel.view import Means
 from sim.voxel.world import VoxelWorld
 
 CELL_M = 0.25

@@ -1,30 +1,21 @@
 """Planar occupancy maps (2-D): how sure it is that a place of the floor is solid, or free.
 
-A submap keeps summed log-odds `log(p / (1 - p))` per cell and the number of looks behind them, so
-that one more look is one more addition; 0 is p = 0.5, positive is occupied. A cell is *mapped*
-when p is off by more than 0.4 from 0.5. What nobody measured is unknown, and counts as nothing.
+A submap keeps summed log-odds per cell and the number of looks behind them
+(`agents.maps.occupancy`).
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats, GridFrame
 from agents.information import binary_entropy
 from agents.layers import Anchor, drawn_cells
 from agents.maps.kind import EVERYWHERE, Shape, Window
+from agents.maps.occupancy import LARGEST, MAPPED, Counts, OccupancyKind, probability, surer
 from agents.maps.planarlook import LookOdds
-from agents.payloads import OccupancyPayloads, OccupancyPyramid
 from agents.tiles import TileGrid
 from comms.codec import EncodedTile
-
-Counts = NDArray[np.uint16]
-LARGEST = 5.29
-"""Log-odds are summed up to this (p = 0.995): what was never seen to change may still change."""
-MAPPED = math.log(9.0)
-"""Log-odds beyond which a cell is mapped: p above 0.9, or below 0.1."""
 
 
 class PlanarSubmap:
@@ -90,27 +81,15 @@ class Occupancy:
         return float(np.sum(1.0 - binary_entropy(probability(self.log_odds[self.known]))))
 
 
-def probability(log_odds: Floats) -> Floats:
-    """Return the probability that log-odds stand for, elementwise."""
-    return 1.0 / (1.0 + np.exp(-log_odds))
-
-
 def nothing(shape: Shape) -> Occupancy:
     """Return an estimate of a floor of which nothing is known."""
     return Occupancy(np.zeros(shape), np.zeros(shape, dtype=np.uint16))
 
 
 def surest(first: Occupancy, second: Occupancy) -> Occupancy:
-    """Take each cell from the surer of two estimates of one origin, whose errors are shared.
-
-    Of two that are equally sure of opposite things, the one that says occupied: what order they
-    come in must not matter, and to stay clear of nothing costs less than to run into something.
-    """
-    size, other = np.abs(first.log_odds), np.abs(second.log_odds)
-    better = (other > size) | ((other == size) & (second.log_odds > first.log_odds))
-    return Occupancy(
-        np.where(better, second.log_odds, first.log_odds), np.maximum(first.looks, second.looks)
-    )
+    """Take each cell from the surer of two estimates of one origin (`surer`)."""
+    log_odds = surer(first.log_odds, second.log_odds)
+    return Occupancy(log_odds, np.maximum(first.looks, second.looks))
 
 
 def add_up(layers: list[Occupancy], shape: Shape) -> Occupancy:
@@ -123,22 +102,8 @@ def add_up(layers: list[Occupancy], shape: Shape) -> Occupancy:
     return total
 
 
-class PlanarKind:
+class PlanarKind(OccupancyKind):
     """`agents.maps.kind.MapKind` of planar occupancy maps."""
-
-    def __init__(self, payloads: OccupancyPayloads | None = None) -> None:
-        """Take how the team writes its tiles."""
-        self.payloads: OccupancyPayloads = payloads or OccupancyPyramid()
-
-    @property
-    def least_bits_per_byte(self) -> float:
-        """A mapped cell has less than one bit: some ten cells for 100 bytes, as on the ground."""
-        return 0.08
-
-    @property
-    def margin_cells(self) -> int:
-        """A cell is no less sure for what is beside it."""
-        return 0
 
     def tiles(self, frame: GridFrame, tile_cells: int, whole: GridFrame | None = None) -> TileGrid:
         """Return square tiles; see `TileGrid`."""
@@ -176,11 +141,6 @@ class PlanarKind:
         told = self.payloads.decode(prefix, shape)
         return None if told is None else Occupancy(told.log_odds, told.known.astype(np.uint16))
 
-    def level(self, prefix: bytes, shape: Shape) -> int:
-        """Return the last whole level."""
-        told = self.payloads.decode(prefix, shape)
-        return -1 if told is None else told.level
-
     def paste(self, drawing: Occupancy, window: Window, tile: Occupancy) -> None:
         """Replace a window of a drawing by a tile."""
         drawing.log_odds[window] = tile.log_odds
@@ -217,10 +177,6 @@ class PlanarKind:
         """
         unsure = 1.0 + anchor.shift_variance(frame, window) / frame.cell_m**2
         return Occupancy(drawing.log_odds / unsure, drawing.looks)
-
-    def bits(self, estimate: Occupancy) -> float:
-        """See `Occupancy.information_bits`."""
-        return estimate.information_bits
 
     def restored(self, frame: GridFrame, anchor: Anchor, cells: list[bytes]) -> PlanarSubmap:
         """Return the submap that `PlanarSubmap.cells` wrote."""

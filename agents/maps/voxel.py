@@ -13,9 +13,8 @@ from agents.geometry import Bools, Floats, GridFrame
 from agents.information import binary_entropy
 from agents.layers import Anchor, drawn_at
 from agents.maps.kind import EVERYWHERE
-from agents.maps.planar import LARGEST, Counts, probability
+from agents.maps.occupancy import LARGEST, Counts, OccupancyKind, probability, surer
 from agents.maps.voxellook import VoxelLook
-from agents.payloads import OccupancyPayloads, OccupancyPyramid
 from agents.tiles import Shape, TileGrid, Window
 from agents.voxel.frame import CUBE, Block, VoxelFrame, VoxelSet, by_block
 from agents.voxel.tiles import VoxelTiles
@@ -131,9 +130,7 @@ def surest(first: VoxelOccupancy, second: VoxelOccupancy) -> VoxelOccupancy:
 
 
 def _surer(first: Cube, second: Cube) -> Cube:
-    size, other = np.abs(first.log_odds), np.abs(second.log_odds)
-    better = (other > size) | ((other == size) & (second.log_odds > first.log_odds))
-    log_odds = np.where(better, second.log_odds, first.log_odds)
+    log_odds = surer(first.log_odds, second.log_odds)
     return Cube(log_odds, np.maximum(first.looks, second.looks))
 
 
@@ -153,22 +150,8 @@ def add_up(layers: list[VoxelOccupancy]) -> VoxelOccupancy:
     return VoxelOccupancy(cubes)
 
 
-class VoxelKind:
+class VoxelKind(OccupancyKind):
     """`agents.maps.kind.MapKind` of voxel maps."""
-
-    def __init__(self, payloads: OccupancyPayloads | None = None) -> None:
-        """Take how the team writes its tiles."""
-        self.payloads: OccupancyPayloads = payloads or OccupancyPyramid()
-
-    @property
-    def least_bits_per_byte(self) -> float:
-        """As of a floor's cell: each has less than one bit."""
-        return 0.08
-
-    @property
-    def margin_cells(self) -> int:
-        """A cell is no less sure for what is beside it."""
-        return 0
 
     def tiles(self, frame: GridFrame, tile_cells: int, whole: GridFrame | None = None) -> TileGrid:
         """Return cubes; a robot keeps all of space."""
@@ -215,11 +198,6 @@ class VoxelKind:
         """Return what a prefix tells."""
         told = self.payloads.decode(prefix, shape)
         return None if told is None else VoxelOccupancy(_cut(told.log_odds, told.known))
-
-    def level(self, prefix: bytes, shape: Shape) -> int:
-        """Return the last whole level."""
-        told = self.payloads.decode(prefix, shape)
-        return -1 if told is None else told.level
 
     def paste(self, drawing: VoxelOccupancy, window: Window, tile: VoxelOccupancy) -> None:
         """Replace a window of a drawing by a tile."""
@@ -286,10 +264,6 @@ class VoxelKind:
             unsure = 1.0 + np.maximum(level, var_z) / grid.cell_m**2
             cubes[layer, row, col] = Cube(cube.log_odds / unsure, cube.looks)
         return VoxelOccupancy(cubes)
-
-    def bits(self, estimate: VoxelOccupancy) -> float:
-        """See `VoxelOccupancy.information_bits`."""
-        return estimate.information_bits
 
     def restored(self, frame: GridFrame, anchor: Anchor, cells: list[bytes]) -> VoxelSubmap:
         """Return the submap that `VoxelSubmap.cells` wrote."""

@@ -2,11 +2,10 @@
 
 from collections.abc import Callable
 
+from agents.occupancy.view import Means
 from agents.planar import methods, team
 from agents.planar.methods import PlanarMethod
-from agents.planar.scene import Means
 from agents.planar.view import PlanarLook, PlanarView
-from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 from comms.plugins import Plugins
 
 __all__ = ["METHODS", "Means", "PlanarLook", "PlanarMethod", "PlanarView", "method"]
@@ -27,12 +26,10 @@ METHODS: Plugins[Callable[[Means], PlanarMethod]] = Plugins(
 """By name; each is called for every robot, with the means that it has."""
 
 
-def method(
-    name: str, sensor: SensorSettings, drive: DriveSettings, planner: PlannerSettings
-) -> PlanarMethod:
+def method(name: str, means: Means) -> PlanarMethod:
     """Return a new method for one robot.
 
     Raises:
         PluginError: there is none of that name.
     """
-    return METHODS.find(name)(Means(sensor, drive, planner))
+    return METHODS.find(name)(means)

@@ -1,6 +1,5 @@
 """A planar view worked out: what can be driven, what rays may pass, what is worth seeing."""
 
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -8,25 +7,17 @@ import numpy as np
 from agents import paths
 from agents.geometry import Bools, Floats, Ints
 from agents.markov import complete, distance_to_known_m
+from agents.occupancy.passing import StopPrior, stop_share
+from agents.occupancy.view import Means
 from agents.planar.casting import HALF, Star, star_of
 from agents.planar.sensing import MAPPED
 from agents.planar.view import PlanarView
-from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 
 ASIDE = 1.0
 """By how much a cell beside one that can't be driven costs more."""
-PRIOR_STEPS = 400.0
-"""The prior on how often a ray is stopped counts like so many steps of rays."""
-PRIOR_STOP = 0.03
+PRIOR = StopPrior(0.03)
 
-
-@dataclass(frozen=True)
-class Means:
-    """What a robot has to see and drive with, and how it plans."""
-
-    sensor: SensorSettings
-    drive: DriveSettings
-    planner: PlannerSettings
+__all__ = ["Means", "Scene"]
 
 
 class Scene:
@@ -42,12 +33,14 @@ class Scene:
             means: what it has.
             interest: (rows, cols) weight of each cell's worth (Eq. 9).
             pass_p: (rows, cols) chance that a ray passes a cell if nothing was measured there;
-                None: the share of steps that did, everywhere alike.
+                None: the share of steps that did, everywhere alike. Given, cells along a ray are
+                held to stand or fall together (`casting.onward`).
         """
         self.view = view
         self.means = means
         self.interest = interest
         self._pass_p = pass_p
+        self.related = pass_p is not None
 
     @cached_property
     def rays(self) -> Star:
@@ -96,22 +89,25 @@ class Scene:
         centres = [frame.centre_of(int(row), int(col)) for row, col in corners[1:]]
         return np.concatenate((here, np.array(centres)))
 
-    def candidates(self, rng: np.random.Generator) -> Ints:
-        """Return the cells (N, 2) where a look may be taken: the robot's own, then a sample.
+    def lattice(self, rng: np.random.Generator) -> Ints:
+        """Return the cells (N, 2) where a look may be taken: the robot's own, then a lattice.
 
-        They lie on a lattice of `candidate_step_m` with an offset drawn by lot; of more than
-        `max_candidates` as many are drawn.
+        It has `candidate_step_m` and an offset drawn by lot.
         """
-        planner = self.means.planner
-        step = max(1, round(planner.candidate_step_m / self.view.frame.cell_m))
+        step = max(1, round(self.means.planner.candidate_step_m / self.view.frame.cell_m))
         offset = rng.integers(step, size=2)
         open_cells = np.argwhere(np.isfinite(self.way_m))
         cells = open_cells[((open_cells + offset) % step == 0).all(axis=1)]
         cells = cells[(cells != np.array(self.here)).any(axis=1)]
-        if len(cells) > planner.max_candidates - 1:
-            drawn = rng.choice(len(cells), planner.max_candidates - 1, replace=False)
-            cells = cells[np.sort(drawn)]
         return np.concatenate((np.array([self.here], dtype=np.int64), cells))
+
+    def candidates(self, rng: np.random.Generator) -> Ints:
+        """Return the robot's own cell and a sample of the lattice: `max_candidates` (N, 2)."""
+        cells, most = self.lattice(rng), self.means.planner.max_candidates
+        if len(cells) > most:
+            drawn = 1 + rng.choice(len(cells) - 1, most - 1, replace=False)
+            cells = cells[np.concatenate(([0], np.sort(drawn)))]
+        return cells
 
     @cached_property
     def occupancy_p(self) -> Floats:
@@ -130,17 +126,7 @@ class Scene:
     @cached_property
     def stop_p(self) -> float:
         """Probability that a step from a free cell is stopped by a solid one, on the map so far."""
-        free, solid = self.view.log_odds < 0, self.view.log_odds > 0
-        steps = stops = 0
-        for axis in (0, 1):
-            low = [slice(None), slice(None)]
-            high = [slice(None), slice(None)]
-            low[axis], high[axis] = slice(None, -1), slice(1, None)
-            a, b = tuple(low), tuple(high)
-            stops += int((free[a] & solid[b]).sum()) + int((solid[a] & free[b]).sum())
-            steps += 2 * int((free[a] & free[b]).sum())
-        steps += stops
-        return (stops + PRIOR_STOP * PRIOR_STEPS) / (steps + PRIOR_STEPS)
+        return stop_share(self.view.log_odds < 0, self.view.log_odds > 0, (0, 1), PRIOR)
 
     @cached_property
     def through(self) -> Floats:

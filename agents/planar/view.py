@@ -3,10 +3,11 @@
 from dataclasses import dataclass
 
 from agents.geometry import Bools, Floats, GridFrame, Pose
+from agents.occupancy.view import Situation
 
 
 @dataclass(frozen=True)
-class PlanarView:
+class PlanarView(Situation):
     """All that a robot knows of a planar world when it chooses a look."""
 
     frame: GridFrame
@@ -14,13 +15,6 @@ class PlanarView:
     """(rows, cols) natural log-odds of occupancy, row 0 south; 0 where nothing was measured."""
     mapped: Bools
     """(rows, cols) cells whose occupancy is off by more than 0.4 from 0.5."""
-    pose: Pose
-    others: tuple[Pose, ...] = ()
-    """Where team-mates stand, as last heard."""
-    claims: tuple[tuple[float, float, float], ...] = ()
-    """(x_m, y_m, radius_m) that team-mates said they will look at."""
-    variance: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    """Variances of the pose's x, y, z (m^2) and yaw (rad^2)."""
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,8 @@ def _edge(image: Grey, start: Floats, end: Floats, reach_px: float) -> Floats:
     offsets -= offsets.mean()
     at = start + share[:, None, None] * way + offsets[None, :, None] * out
     map_x, map_y = at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
-    profile = np.asarray(cv2.remap(image, map_x, map_y, cv2.INTER_LINEAR), dtype=np.float64)
+    # Linear interpolation would draw an edge that lies along the rows to the pixels' middles.
+    profile = cv2.remap(image.astype(np.float32), map_x, map_y, cv2.INTER_CUBIC).astype(np.float64)
     rise = np.maximum(np.diff(profile, axis=1), 0.0)
     middle = (offsets[1:] + offsets[:-1]) / 2
     weight = rise.sum(axis=1)

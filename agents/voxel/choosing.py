@@ -2,10 +2,9 @@
 
 from collections.abc import Callable
 
-from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+from agents.occupancy.view import Means
 from agents.voxel import methods
 from agents.voxel.methods import VoxelMethod
-from agents.voxel.view import Means
 from comms.plugins import Plugins
 
 METHODS: Plugins[Callable[[Means], VoxelMethod]] = Plugins(
@@ -23,12 +22,10 @@ METHODS: Plugins[Callable[[Means], VoxelMethod]] = Plugins(
 """By name; each is called for every robot, with the means that it has."""
 
 
-def method(
-    name: str, sensor: SensorSettings, drive: DriveSettings, planner: PlannerSettings
-) -> VoxelMethod:
+def method(name: str, means: Means) -> VoxelMethod:
     """Return a new method for one robot.
 
     Raises:
         PluginError: there is none of that name.
     """
-    return METHODS.find(name)(Means(sensor, drive, planner))
+    return METHODS.find(name)(means)

@@ -1,9 +1,6 @@
-"""Where a robot is in space, by holding a look's ranges against the voxel map that is there.
+"""Where a robot is in space, by a look's ranges (`agents.occupancy.matching`).
 
-As `agents.floormatch` on a floor: from a pose the map predicts how far each ray goes, to the face
-of the first cell mapped as solid, as long as all cells before are mapped as free. The pose near the
-believed one whose predictions fit best is the measured one, and how sharply the fit falls off about
-it is its covariance. A level floor fixes the height and nothing else; walls fix the rest.
+A level floor fixes the height and nothing else; walls fix the rest.
 """
 
 import math
@@ -13,6 +10,7 @@ import numpy as np
 
 from agents.geometry import Floats, Pose, wrap_angle
 from agents.maps.voxellook import eye_of, world_rays
+from agents.occupancy.matching import MOST, Match, Scales, chosen_rays, fitted, misfit_of
 from agents.planar.sensing import sigma_m
 from agents.settings import SensorSettings
 from agents.voxel.frame import VoxelFrame
@@ -21,33 +19,24 @@ from agents.voxel.rays import crossings
 from comms import kernels
 from comms.kernels import kernel
 
-RAYS = 240
-"""So many rays of a look, spread over all of it, are held against the map."""
 MODEL_CELLS = 0.3
 """Error of a predicted range besides the sensor's: what is solid is no cube."""
-MOST = 9.0
-"""A ray that does not fit at all counts like three standard deviations."""
-INDEPENDENT = 12.0
-"""All rays of a look tell as much as so many independent ones."""
-FIT = 0.6
-"""Share of the rays with a prediction that must fit, and how many there must be."""
-LEAST_RAYS = 30
 FLOOR_M, FLOOR_RAD = 0.015, 0.003
 """No look tells more than this."""
 STEP_M, STEP_RAD = 0.05, 0.012
 """Offsets at which the fall of the fit is measured."""
-VAGUE = 1e-3
-"""Curvature (per unit squared, as a share of the sharpest) that says nothing."""
-LEVELS = 4
-"""Times that the search is narrowed to a third."""
+AXES = [2, 1, 0, 3]
+"""Of (x, y, z, yaw), those of an eye, which is (layer, row, col, turn); and the other way round."""
 
 
-@dataclass(frozen=True)
-class Match:
-    """A measured pose and its covariance (4, 4) of (x, y, z, yaw)."""
-
-    pose: Pose
-    covariance: Floats
+def _scales(cell_m: float) -> Scales:
+    return Scales(
+        units=np.array((cell_m, cell_m, cell_m, 1.0)),
+        floor=np.array((FLOOR_M, FLOOR_M, FLOOR_M, FLOOR_RAD)),
+        step=np.array((STEP_M, STEP_M, STEP_M, STEP_RAD)),
+        rays=240,
+        least_rays=30,
+    )
 
 
 @kernel
@@ -85,12 +74,7 @@ def _misfit(
             total += 0.5 * MOST
             continue
         told += 1
-        if np.isinf(seen[k, 0]) and np.isinf(expected):
-            error = 0.0
-        elif np.isinf(seen[k, 0]) or np.isinf(expected):
-            error = MOST
-        else:
-            error = min(((seen[k, 0] - expected) / seen[k, 1]) ** 2, MOST)
+        error = misfit_of(seen[k, 0], seen[k, 1], expected)
         total += error
         fitting += error < MOST
     return total, told, fitting
@@ -132,6 +116,23 @@ def _search(
     return best
 
 
+@dataclass(frozen=True)
+class _Rays:
+    """`agents.occupancy.matching.Casting` in space; an eye is (layer, row, col, turn)."""
+
+    index: np.ndarray
+    states: States
+    rays: Floats
+    seen: Floats
+    reach: float
+
+    def misfit(self, eye: Floats) -> tuple[float, int, int]:
+        return _misfit(self.index, self.states, eye, self.rays, self.seen, self.reach)
+
+    def search(self, eye: Floats, span: Floats) -> Floats:
+        return _search(self.index, self.states, eye, span, self.rays, self.seen, self.reach)
+
+
 def match(
     index: np.ndarray,
     states: States,
@@ -154,67 +155,29 @@ def match(
         ranges_m: (N,) as `agents.ports.Exposure` has them.
         sensor: its rays, range and noise (Eq. 4).
     """
-    cell_m = frame.cell_m
-    chosen = np.linspace(0, len(ranges_m) - 1, min(RAYS, len(ranges_m))).astype(np.int64)
+    cell_m, scales = frame.cell_m, _scales(frame.cell_m)
+    chosen = chosen_rays(len(ranges_m), scales.rays)
     ranges = ranges_m[chosen] / cell_m
     near_m = np.where(np.isfinite(ranges), ranges, 0.0) * cell_m
-    seen = np.column_stack((ranges, np.hypot(sigma_m(near_m, sensor) / cell_m, MODEL_CELLS)))
-    rays = world_rays(sensor, pose.yaw_rad, tilt_rad)[chosen]
-    reach = sensor.range_m / cell_m
+    casting = _Rays(
+        index,
+        states,
+        world_rays(sensor, pose.yaw_rad, tilt_rad)[chosen],
+        np.column_stack((ranges, np.hypot(sigma_m(near_m, sensor) / cell_m, MODEL_CELLS))),
+        sensor.range_m / cell_m,
+    )
     eye = np.append(frame.at(*eye_of(pose, sensor)), 0.0)
-    sigma = np.sqrt(np.diag(covariance))
-    floor = np.array((FLOOR_M, FLOOR_M, FLOOR_M, FLOOR_RAD))
-    span = 3.0 * np.maximum(sigma, floor)[[2, 1, 0, 3]] / np.array((cell_m, cell_m, cell_m, 1.0))
-    for _ in range(LEVELS):
-        eye = _search(index, states, eye, span, rays, seen, reach)
-        span = span / 3.0
-    misfit, told, fitting = _misfit(index, states, eye, rays, seen, reach)
-    if told < LEAST_RAYS or fitting < FIT * told or not math.isfinite(misfit):
+    found = fitted(casting, eye, np.sqrt(np.diag(covariance))[AXES], scales, len(chosen))
+    if found is None:
         return None
-    spread = _spread(index, states, eye, rays, seen, reach, cell_m)
-    z, y, x = (float(v) * cell_m for v in eye[:3])
+    z, y, x = (float(v) * cell_m for v in found[0][:3])
     stood = Pose(
         frame.x_m + x,
         frame.y_m + y,
         frame.z_m + z - sensor.height_m,
-        wrap_angle(pose.yaw_rad + float(eye[3])),
+        wrap_angle(pose.yaw_rad + float(found[0][3])),
     )
-    return Match(stood, spread)
-
-
-def _spread(
-    index: np.ndarray,
-    states: States,
-    eye: Floats,
-    rays: Floats,
-    seen: Floats,
-    reach: float,
-    cell_m: float,
-) -> Floats:
-    """Return the covariance (4, 4) of (x, y, z, yaw), metres and radians, by the fit's fall."""
-    units = np.array((STEP_M, STEP_M, STEP_M, STEP_RAD))
-    steps = units / np.array((cell_m, cell_m, cell_m, 1.0))
-
-    def misfit(*moves: tuple[int, float]) -> float:
-        at = eye.copy()
-        for axis, sign in moves:
-            at[axis] += sign * steps[axis]
-        return float(_misfit(index, states, at, rays, seen, reach)[0])
-
-    here, bend = misfit(), np.zeros((4, 4))
-    for a in range(4):
-        bend[a, a] = misfit((a, 1.0)) + misfit((a, -1.0)) - 2.0 * here
-        for b in range(a):
-            both = misfit((a, 1.0), (b, 1.0)) + misfit((a, -1.0), (b, -1.0))
-            bend[a, b] = bend[b, a] = 0.25 * (
-                both - misfit((a, 1.0), (b, -1.0)) - misfit((a, -1.0), (b, 1.0))
-            )
-    values, vectors = np.linalg.eigh(0.5 * bend * INDEPENDENT / len(rays))
-    values = np.maximum(values, VAGUE * max(float(values[-1]), 1e-6))
-    covariance = (vectors / values) @ vectors.T * np.outer(units, units)
-    floor = np.diag((FLOOR_M**2, FLOOR_M**2, FLOOR_M**2, FLOOR_RAD**2))
-    order = [2, 1, 0, 3]
-    return covariance[np.ix_(order, order)] + floor
+    return Match(stood, found[1][np.ix_(AXES, AXES)])
 
 
 @kernels.warmer

@@ -7,16 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Floats, Ints, Singles
+from agents.occupancy.passing import StopPrior, stop_share
+from agents.occupancy.view import Means
 from agents.planar.sensing import MAPPED
 from agents.voxel.casting import Matter, Star, star_of
 from agents.voxel.frame import CUBE, Packed
 from agents.voxel.ground import FREE, SOLID, UNKNOWN, Build, Ground, States, corners_of, way_back
 from agents.voxel.markov import relaxed
-from agents.voxel.view import Means, VoxelView
+from agents.voxel.view import VoxelView
 
-PRIOR_STEPS = 400.0
-"""The prior on how often a ray is stopped counts like so many steps of rays."""
-PRIOR_STOP = 0.05
+PRIOR = StopPrior(0.05)
 BELOW = np.array((-1, 0, 0))
 STANDS = 1.6
 """Cells within half its footprint and so many more are taken for floor, where nothing was measured:
@@ -189,17 +189,7 @@ class Scene:
     @cached_property
     def stop_p(self) -> float:
         """Probability that a step from a free cell is stopped by a solid one, on the map so far."""
-        free, solid = self.log_odds < 0, self.log_odds > 0
-        steps = stops = 0
-        for axis in (1, 2, 3):
-            low = [slice(None)] * 4
-            high = [slice(None)] * 4
-            low[axis], high[axis] = slice(None, -1), slice(1, None)
-            a, b = tuple(low), tuple(high)
-            stops += int((free[a] & solid[b]).sum()) + int((solid[a] & free[b]).sum())
-            steps += 2 * int((free[a] & free[b]).sum())
-        steps += stops
-        return (stops + PRIOR_STOP * PRIOR_STEPS) / (steps + PRIOR_STEPS)
+        return stop_share(self.log_odds < 0, self.log_odds > 0, (1, 2, 3), PRIOR)
 
     @cached_property
     def through(self) -> Singles:

@@ -4,38 +4,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents.geometry import Floats, Ints, Pose
+from agents.geometry import Floats, Ints
 from agents.maps.voxel import VoxelOccupancy
-from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+from agents.occupancy.view import Means, Situation
 from agents.voxel.frame import Block, VoxelFrame
 
-
-@dataclass(frozen=True)
-class Means:
-    """What a robot has to see and drive with, and how it plans."""
-
-    sensor: SensorSettings
-    drive: DriveSettings
-    planner: PlannerSettings
+__all__ = ["Means", "VoxelChoice", "VoxelView"]
 
 
 @dataclass(frozen=True)
-class VoxelView:
+class VoxelView(Situation):
     """All that a robot knows of a voxel world when it chooses a look."""
 
     frame: VoxelFrame
     map: VoxelOccupancy
-    pose: Pose
     interest: dict[Block, Floats] = field(default_factory=dict[Block, Floats])
     """By block (16, 16, 16), the weight of each cell's worth (Eq. 9); 1 where there is none."""
     stood: Ints = field(default_factory=lambda: np.zeros((0, 3), dtype=np.int64))
     """(N, 3) cells in which its wheels have stood: floor, whatever looks said of them."""
-    others: tuple[Pose, ...] = ()
-    """Where team-mates stand, as last heard."""
-    claims: tuple[tuple[float, float, float], ...] = ()
-    """(x_m, y_m, radius_m) that team-mates said they will look at."""
-    variance: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    """Variances of the pose's x, y, z (m^2) and yaw (rad^2)."""
 
 
 @dataclass(frozen=True)

@@ -87,10 +87,8 @@ class Exploration:
         x, y = self.world.frame.centre_of(*self.world.start)
         count = setup.robots
         poses = [Pose(x, y, 0.0, wrap_angle(2.0 * math.pi * k / count)) for k in range(count)]
-        methods = [
-            planar.method(setup.method, setup.sensor, setup.drive, setup.planner)
-            for _ in range(count)
-        ]
+        means = planar.Means(setup.sensor, setup.drive, setup.planner)
+        methods = [planar.method(setup.method, means) for _ in range(count)]
         plans: list[PlanarLook | None] = [None] * count
         driven_m = 0.0
         queue = [(0.0, k) for k in range(count)]
@@ -134,9 +132,9 @@ class Exploration:
             self.world.frame,
             self.log_odds.copy(),
             self.mapped,
-            poses[k],
-            tuple(poses[j] for j in others),
-            claims,
+            pose=poses[k],
+            others=tuple(poses[j] for j in others),
+            claims=claims,
         )
 
     def _look(self, pose: Pose, rng: np.random.Generator) -> float:

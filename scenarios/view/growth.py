@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from agents.geometry import Bools, Floats, GridFrame
 from agents.layers import Mask
 from agents.maps.elevation import Estimate
-from agents.maps.planar import Occupancy, probability
+from agents.maps.occupancy import probability
+from agents.maps.planar import Occupancy
 from agents.maps.voxel import VoxelOccupancy
 from agents.voxel.frame import VoxelFrame, VoxelSet
 from agents.voxelcast import SIDE

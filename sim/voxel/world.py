@@ -12,7 +12,6 @@ import numpy as np
 
 from agents.geometry import Bools, Floats, Ints, Pose
 from agents.maps.voxellook import eye_of
-from agents.planar.sensing import sigma_m
 from agents.settings import DriveSettings, SensorSettings
 from agents.voxel.frame import Block, VoxelFrame
 from agents.voxel.ground import FREE, SOLID, Build, Ground
@@ -21,6 +20,7 @@ from agents.voxelcast import SIDE, VoxelBlocks, cast
 from comms import kernels
 from comms.kernels import kernel
 from sim.errors import WorldError
+from sim.occupancy import measured_m
 
 LATTICE_M = 2.0
 
@@ -102,12 +102,7 @@ def look(
     rays = ray_directions(sensor, pose.yaw_rad, tilt_rad)
     ranges_m = cast(world.rock, eye_of(pose, sensor), rays, sensor.range_m).distance_m
     ranges_m = np.where(ranges_m >= sensor.near_m, ranges_m, np.inf)
-    if rng is None:
-        return ranges_m
-    noise = rng.standard_normal(ranges_m.shape)
-    hit = np.isfinite(ranges_m)
-    ranges_m[hit] += sigma_m(ranges_m[hit], sensor) * noise[hit]
-    return np.where(ranges_m <= sensor.range_m, np.maximum(ranges_m, 0.0), np.inf)
+    return measured_m(ranges_m, sensor, rng)
 
 
 @kernel

@@ -1,48 +1,38 @@
-"""Where a robot is on a floor, by holding a look's ranges against the map that is there.
+"""Where a robot is on a floor, by a look's ranges (`agents.occupancy.matching`).
 
-From a pose, the map predicts how far each ray goes: to the face of the first cell that is mapped
-as occupied, as long as all cells before are mapped as free. The pose whose predictions fit best,
-within three standard deviations of the believed one, is the measured pose; how sharply the fit
-falls off around it is its covariance. A corridor fixes what is across it and nothing along it.
+A corridor fixes what is across it and nothing along it.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from agents.geometry import Floats, GridFrame, Pose, wrap_angle
+from agents.occupancy.matching import MOST, Match, Scales, chosen_rays, fitted, misfit_of
 from agents.planar.rays import crossings, fan_rad
 from agents.planar.sensing import MAPPED, sigma_m
 from agents.settings import SensorSettings
 from comms import kernels
 from comms.kernels import kernel
 
-RAYS = 64
-"""So many rays of a look are held against the map."""
 MODEL_M = 0.05
 """Error of a predicted range besides the sensor's: what is solid is no square."""
-MOST = 9.0
-"""A ray that does not fit at all counts like three standard deviations."""
-INDEPENDENT = 12.0
-"""All rays of a look tell as much as so many independent ones."""
-FIT = 0.6
-"""Share of the rays with a prediction that must fit, and how many there must be."""
-LEAST_RAYS = 12
 FLOOR_M, FLOOR_RAD = 0.02, 0.003
 """No look tells more than this."""
 STEP_M, STEP_RAD = 0.04, 0.01
 """Offsets at which the fall of the fit is measured."""
-VAGUE = 1e-3
-"""Curvature (per unit squared, as a share of the sharpest) that says nothing."""
+AXES = [0, 1, 3]
+"""Of (x, y, z, yaw), those of an eye on a floor."""
 
 
-@dataclass(frozen=True)
-class Match:
-    """A measured pose and its covariance (4, 4) of (x, y, z, yaw)."""
-
-    pose: Pose
-    covariance: Floats
+def _scales(cell_m: float) -> Scales:
+    return Scales(
+        units=np.array((cell_m, cell_m, 1.0)),
+        floor=np.array((FLOOR_M, FLOOR_M, FLOOR_RAD)),
+        step=np.array((STEP_M, STEP_M, STEP_RAD)),
+        rays=64,
+        least_rays=12,
+    )
 
 
 @kernel
@@ -75,13 +65,7 @@ def _misfit(
             total += 0.5 * MOST
             continue
         told += 1
-        measured, sigma = seen[k, 0], seen[k, 1]
-        if np.isinf(measured) and np.isinf(expected):
-            error = 0.0
-        elif np.isinf(measured) or np.isinf(expected):
-            error = MOST
-        else:
-            error = min(((measured - expected) / sigma) ** 2, MOST)
+        error = misfit_of(seen[k, 0], seen[k, 1], expected)
         total += error
         fitting += error < MOST
     return total, told, fitting
@@ -113,6 +97,22 @@ def _search(
     return best
 
 
+@dataclass(frozen=True)
+class _Fan:
+    """`agents.occupancy.matching.Casting` on a floor; an eye is (x, y, yaw)."""
+
+    states: np.ndarray
+    fan: Floats
+    seen: Floats
+    reach: float
+
+    def misfit(self, eye: Floats) -> tuple[float, int, int]:
+        return _misfit(self.states, eye, self.fan, self.seen, self.reach)
+
+    def search(self, eye: Floats, span: Floats) -> Floats:
+        return _search(self.states, eye, span, self.fan, self.seen, self.reach)
+
+
 def match(
     log_odds: Floats,
     frame: GridFrame,
@@ -132,57 +132,26 @@ def match(
         sensor: its fan, range and noise (Eq. 4).
 
     """
+    cell_m, scales = frame.cell_m, _scales(frame.cell_m)
     states = np.where(log_odds > MAPPED, 2, np.where(log_odds < -MAPPED, 1, 0)).astype(np.int8)
-    chosen = np.linspace(0, len(ranges_m) - 1, min(RAYS, len(ranges_m))).astype(np.int64)
-    fan, cell_m = fan_rad(sensor)[chosen], frame.cell_m
+    chosen = chosen_rays(len(ranges_m), scales.rays)
     ranges = ranges_m[chosen]
     error_m = np.hypot(sigma_m(np.where(np.isfinite(ranges), ranges, 0.0), sensor), MODEL_M)
-    seen = np.column_stack((ranges, error_m)) / cell_m
-    reach = sensor.range_m / cell_m
+    casting = _Fan(
+        states,
+        fan_rad(sensor)[chosen],
+        np.column_stack((ranges, error_m)) / cell_m,
+        sensor.range_m / cell_m,
+    )
     eye = np.array([(pose.x_m - frame.x_m) / cell_m, (pose.y_m - frame.y_m) / cell_m, pose.yaw_rad])
-    sigmas = np.sqrt(np.diag(covariance))[[0, 1, 3]] / np.array([cell_m, cell_m, 1.0])
-    span = 3.0 * np.maximum(sigmas, np.array([FLOOR_M / cell_m, FLOOR_M / cell_m, FLOOR_RAD]))
-    for _ in range(4):
-        eye = _search(states, eye, span, fan, seen, reach)
-        span = span / 3.0
-    misfit, told, fitting = _misfit(states, eye, fan, seen, reach)
-    if told < LEAST_RAYS or fitting < FIT * told or not math.isfinite(misfit):
+    found = fitted(casting, eye, np.sqrt(np.diag(covariance))[AXES], scales, len(chosen))
+    if found is None:
         return None
-    spread = _spread(states, eye, fan, seen, reach, cell_m)
-    x, y, yaw = (float(v) for v in eye)
-    found = Pose(frame.x_m + x * cell_m, frame.y_m + y * cell_m, pose.z_m, wrap_angle(yaw))
+    x, y, yaw = (float(v) for v in found[0])
+    stood = Pose(frame.x_m + x * cell_m, frame.y_m + y * cell_m, pose.z_m, wrap_angle(yaw))
     whole = np.diag([0.0, 0.0, 1.0, 0.0])
-    whole[np.ix_([0, 1, 3], [0, 1, 3])] = spread
-    return Match(found, whole)
-
-
-def _spread(
-    states: np.ndarray, eye: Floats, fan: Floats, seen: Floats, reach: float, cell_m: float
-) -> Floats:
-    """Return the covariance (3, 3) of (x, y, yaw), metres and radians, by the fit's curvature."""
-    steps = np.array([STEP_M / cell_m, STEP_M / cell_m, STEP_RAD])
-
-    def misfit(*axes: tuple[int, float]) -> float:
-        at = eye.copy()
-        for axis, sign in axes:
-            at[axis] += sign * steps[axis]
-        return float(_misfit(states, at, fan, seen, reach)[0])
-
-    here, bend = misfit(), np.zeros((3, 3))
-    for a in range(3):
-        bend[a, a] = misfit((a, 1.0)) + misfit((a, -1.0)) - 2.0 * here
-        for b in range(a):
-            both = misfit((a, 1.0), (b, 1.0)) + misfit((a, -1.0), (b, -1.0))
-            bend[a, b] = bend[b, a] = 0.25 * (
-                both - misfit((a, 1.0), (b, -1.0)) - misfit((a, -1.0), (b, 1.0))
-            )
-    # In units of one step: the misfit is twice the negative log likelihood of the rays.
-    information = 0.5 * bend * INDEPENDENT / len(fan)
-    values, vectors = np.linalg.eigh(information)
-    values = np.maximum(values, VAGUE * max(float(values[-1]), 1e-6))
-    units = np.array([STEP_M, STEP_M, STEP_RAD])
-    covariance = (vectors / values) @ vectors.T * np.outer(units, units)
-    return covariance + np.diag([FLOOR_M**2, FLOOR_M**2, FLOOR_RAD**2])
+    whole[np.ix_(AXES, AXES)] = found[1]
+    return Match(stood, whole)
 
 
 @kernels.warmer
