@@ -22,8 +22,12 @@ from agents.stereo.shape import Shape
 
 GRID_M = 0.2
 """Cells in which things that stand out are looked for."""
-STANDS_M = 0.25
-"""What is higher over the ground about it may be a part of a thing."""
+STANDS_SHARE = 0.25
+"""What is higher over the ground about it than this share of the shape may be a part of it."""
+SKIRT_M = 0.15
+"""Points under such a part are its too, down to this height."""
+WORST_M = 0.15
+"""Points that are less sure than this along their ray tell no shape."""
 FEWEST_POINTS = 80
 MOST_POINTS = 1500
 HEADINGS = 12
@@ -33,24 +37,27 @@ NEAR_M = 0.06
 """A point this near to the surface, and two of its sigmas, lies on it."""
 LEAST_ON = 0.7
 """Share of a candidate's points that must lie on the surface."""
-LEAST_SHOWN = 0.5
+LEAST_SHOWN = 0.65
 """Share of the surface that the camera should see of which it must have seen points."""
+LEAST_FACING = 0.15
+"""Of less than this share of the surface being seen, the rest of it counts as not shown."""
 ALIKE = 0.93
 """A second pose that scores more than this share of the best makes both unsure."""
 APART_M, APART_RAD = 0.3, math.radians(20.0)
 """Poses that differ by less are one."""
-STEEPEST_RAD = math.radians(10.0)
-"""A landmark stands upright within this."""
+LEANING_RAD = math.radians(45.0)
+"""GICP may lean by this on its way; a landmark stands upright, and is set so."""
 BIN_RAD = math.radians(1.5)
 """Of surface points in one direction only the nearest are seen."""
 BEHIND_M = 0.12
-GROUND_M = 0.4
+GROUND_M = 0.6
 """A landmark's foot is no farther than this from the ground about it."""
-ROUNDS = 8
+ROUNDS = 15
 SHARED = 16.0
 """Neighbouring points come out of one another's windows: so many count as one."""
-FLOOR_M, FLOOR_RAD = 0.01, math.radians(0.3)
-"""Least sigmas, for what points' own sigmas don't tell: edges that stereo rounds off."""
+FLOOR_M, FLOOR_SHARE, FLOOR_RAD = 0.01, 0.003, math.radians(0.3)
+"""Least sigmas (in metres, and as a share of the distance), for what points' own sigmas don't tell:
+edges that stereo rounds off, and the cameras' vergence, which all points share."""
 
 
 @dataclass(frozen=True)
@@ -106,15 +113,14 @@ class Finder:
         `sigma_m` (N,) is along each ray.
         """
         fits: list[_Fit] = []
+        sure = sigma_m <= WORST_M
+        points_m, sigma_m = points_m[sure], sigma_m[sure]
         for chosen, ground_m in candidates(points_m, self.shape):
             thin = np.flatnonzero(chosen)
             thin = thin[:: max(1, len(thin) // MOST_POINTS)]
             fits += self._fits(points_m[thin], sigma_m[thin], eye_m, ground_m)
         if not fits:
             return NotFound("")
-        import os
-        if os.environ.get("DBG"):
-            for f in sorted(fits, key=lambda f: -f.score)[:6]: print("   ", np.round(f.foot_m,2), round(math.degrees(f.yaw_rad)), round(f.on,2), round(f.shown,2))
         fits.sort(key=lambda fit: -fit.score)
         best = fits[0]
         if best.on < LEAST_ON or best.shown < LEAST_SHOWN:
@@ -125,7 +131,8 @@ class Finder:
         for other in fits[1:]:
             if _apart(best, other) and other.score > ALIKE * best.score:
                 return NotFound("two poses of it look alike from here")
-        floor = np.diag([FLOOR_M**2] * 3 + [FLOOR_RAD**2])
+        far_m = float(np.linalg.norm(best.foot_m - eye_m))
+        floor = np.diag([(FLOOR_M + FLOOR_SHARE * far_m) ** 2] * 3 + [FLOOR_RAD**2])
         covariance = symmetric(SHARED * np.linalg.inv(best.information) + floor)
         return Found(best.foot_m, best.yaw_rad, covariance, best.on, best.shown)
 
@@ -144,11 +151,12 @@ class Finder:
         for k in range(HEADINGS):
             yaw_rad = 2 * math.pi * k / HEADINGS
             foot_m = np.append(middle[:2] - (_turn(yaw_rad) @ centre)[:2], ground_m)
-            placed = self._registered(source, foot_m, yaw_rad)
-            if placed is not None and self._near(placed[0], foot_m):
-                fit = self._refined(points_m, sigma_m, eye_m, *placed)
-                if fit is not None and self._near(fit.foot_m, foot_m):
-                    fits.append(fit)
+            starts = [(foot_m, yaw_rad), self._registered(source, foot_m, yaw_rad)]
+            for start in starts:
+                if start is not None:
+                    fit = self._refined(points_m, sigma_m, eye_m, *start)
+                    if fit is not None and self._near(fit.foot_m, foot_m):
+                        fits.append(fit)
         return fits
 
     def _near(self, foot_m: Floats, guess_m: Floats) -> bool:
@@ -160,7 +168,7 @@ class Finder:
     def _registered(
         self, source: Any, foot_m: Floats, yaw_rad: float
     ) -> tuple[Floats, float] | None:
-        """Return foot and heading after GICP from a guess; None where it doesn't stand upright."""
+        """Return foot and heading after GICP from a guess; None where it lies on its side."""
         guess = np.eye(4)
         guess[:3, :3] = _turn(-yaw_rad)
         guess[:3, 3] = -_turn(-yaw_rad) @ foot_m
@@ -175,7 +183,7 @@ class Finder:
         )
         to_shape = np.asarray(found.T_target_source, dtype=np.float64)
         back = np.asarray(np.linalg.inv(to_shape), dtype=np.float64)
-        if not np.isfinite(back).all() or back[2, 2] < math.cos(STEEPEST_RAD):
+        if not np.isfinite(back).all() or back[2, 2] < math.cos(LEANING_RAD):
             return None
         return back[:3, 3], math.atan2(float(back[1, 0]), float(back[0, 0]))
 
@@ -192,7 +200,7 @@ class Finder:
             normal = self.shape.normals[nearest]
             along = np.asarray((off_m * normal).sum(axis=1))
             spread = _sigma_across(points_m, sigma_m, eye_m, normal @ turn.T)
-            weight = (distance < REACH_M / 2) / (spread**2 * (1 + (along / (2 * spread)) ** 2))
+            weight = (distance < REACH_M) / (spread**2 * (1 + (along / (2 * spread)) ** 2))
             lever = points_m - foot_m
             world = normal @ turn.T
             jacobian = np.column_stack(
@@ -219,8 +227,10 @@ class Finder:
         on = self._tree.query(local)[0] <= NEAR_M + 2 * sigma_m
         facing = self.shape.points_m[visible(self.shape, eye)]
         reach_m = NEAR_M + 2 * float(np.median(sigma_m))
-        shown = KDTree(local).query(facing)[0] <= reach_m if len(facing) else np.zeros(1)
-        return _Fit(foot_m, yaw_rad, float(on.mean()), float(shown.mean()), information)
+        seen = KDTree(local).query(facing)[0] <= reach_m if len(facing) else np.zeros(0)
+        # A pose from which next to nothing of it could be seen is not shown by that.
+        shown = float(seen.sum()) / max(len(facing), LEAST_FACING * len(self.shape.points_m))
+        return _Fit(foot_m, yaw_rad, float(on.mean()), shown, information)
 
 
 def candidates(points_m: Floats, shape: Shape) -> list[tuple[Bools, float]]:
@@ -237,12 +247,12 @@ def candidates(points_m: Floats, shape: Shape) -> list[tuple[Bools, float]]:
     # Where nothing was seen nothing is known: it neither lowers the ground nor lifts it.
     ground = np.asarray(ndimage.grey_dilation(np.where(np.isfinite(lowest), lowest, -np.inf), wide))
     height = points_m[:, 2] - ground[cell[:, 0], cell[:, 1]]
-    stands = height > STANDS_M
+    stands = height > max(STANDS_SHARE * shape.height_m, 2 * SKIRT_M)
     marked = np.zeros(tuple(size), dtype=np.bool_)
     marked[cell[stands, 0], cell[stands, 1]] = True
     joined = ndimage.binary_dilation(marked, iterations=2)
     labels = np.asarray(cast("tuple[Any, int]", ndimage.label(joined))[0])
-    mine = np.where(stands, labels[cell[:, 0], cell[:, 1]], 0)
+    mine = np.where(height > SKIRT_M, labels[cell[:, 0], cell[:, 1]], 0)
     found: list[tuple[Bools, float]] = []
     for label in range(1, int(labels.max(initial=0)) + 1):
         chosen = mine == label
