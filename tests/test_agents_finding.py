@@ -19,7 +19,8 @@ from sim.stereo.camera import make_stage, take
 HERE = Pose(4.0, 5.0, 0.0, 0.0)
 LOOK = Look(0.0, 0.0, math.radians(-15))
 STEREO = StereoSettings(stride_px=3)
-EYE_M = np.array([0.0, 0.15, 1.6])
+EYE_M = np.array([0.0, 0.15, 2.5])
+"""High enough to see the tops of the solar panels, without which it falls into pieces."""
 
 
 @cache
