@@ -133,6 +133,7 @@ class Host:
             {name: robot.role for name, robot in scenario.robots.items()},
             terrain=self.plan.terrain,
             landmarks=self.plan.landmarks,
+            meshes={n: m.mesh for n, m in scenario.world.landmarks.items() if m.mesh},
             motions=self.motions,
             publish=self._publish,
             delay_ns=lookahead_ns(scenario),

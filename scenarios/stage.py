@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from agents.geometry import Bools, Floats, Pose
+from agents.stereo.shape import ShapeError, shape_of
 from agents.voxel.ground import Build
 from scenarios.dice import dice
 from scenarios.planarscore import PlanarTruth, VoxelTruth
@@ -142,6 +143,11 @@ def _led(recording: Recording, terrain: Terrain, name: str) -> Pose:
 
 def _landmark(terrain: Terrain, mark: LandmarkSettings, footprint_m: float) -> Pose:
     yaw_rad = math.radians(mark.yaw_deg)
+    if mark.mesh:
+        try:
+            shape_of(mark.mesh)
+        except ShapeError as error:
+            raise WorldError(f"world.landmarks mesh: {error}") from error
     if mark.z_m is not None:
         return Pose(mark.x_m, mark.y_m, mark.z_m, yaw_rad)
     return _standing(terrain, mark.x_m, mark.y_m, yaw_rad, footprint_m)

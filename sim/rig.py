@@ -66,13 +66,15 @@ def make_rig(
     ground_salt: int,
     kept: Callable[[Shot, Seen], None] = lambda _shot, _seen: None,
     led: Led | None = None,
+    meshes: Mapping[str, str] | None = None,
 ) -> Rig:
     """Build the hardware that a robot's role has.
 
     `motions` is this process's knowledge of everybody, own motion included; `publish` adds to it
     and tells the others. `landmarks` stand in the world and are seen like team-mates. `tether_m`
     is what is out of an Anchor-bot's drum, None at the start. `light` and `ground_salt`, which
-    names the ground's pattern, are for cameras that see images; `kept` is given what these saw.
+    names the ground's pattern, are for cameras that see images; `kept` is given what these saw,
+    and `meshes` are the models of landmarks that they know by their shape.
     Who is `led` has a guide instead of body and camera.
     """
     role = roles[name]
@@ -112,6 +114,7 @@ def make_rig(
         name=name,
         roles=roles,
         landmarks=tuple(landmarks),
+        meshes=meshes or {},
         terrain=terrain,
         sensor=sensor,
         pose_now=rover.pose_now,

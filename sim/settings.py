@@ -131,7 +131,7 @@ class RecordingSettings(Settings):
 
 
 class LandmarkSettings(Settings):
-    """A thing of a robot's size that bears its fiducials, and whose place everybody knows."""
+    """A thing whose place everybody knows: of a robot's size with its fiducials, or of a shape."""
 
     x_m: float
     y_m: float
@@ -139,6 +139,9 @@ class LandmarkSettings(Settings):
     """Height of its foot; left out: it stands on the ground."""
     yaw_deg: float = 0.0
     """Which way it faces, counter-clockwise from east."""
+    mesh: str = ""
+    """What stereo eyes know it by: `lander`, `solar-panel` or a CAD file (.stl, .obj, .ply, .off,
+    .glb; metres, z up), matched to what they measure. Left out: a robot's fiducials."""
 
 
 class WorldSettings(Settings):
