@@ -8,6 +8,9 @@ For programs of your own:
     result = run(scenario, Path("runs/mine"))
     print(result.summary["team"]["coverage"])
 
+What a run leaves besides its records is said by `RunOptions`, or by name: `run(scenario, out,
+quiet=True)`.
+
 Names are looked up when they are first used, so that `import scenarios` costs nothing.
 """
 
@@ -17,11 +20,12 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from scenarios.errors import ScenarioError, StudyError
     from scenarios.reading import Run, open_run
-    from scenarios.runner import RunResult, run
+    from scenarios.runner import RunOptions, RunResult, run
     from scenarios.schema import Scenario, dump, load
 
 __all__ = [
     "Run",
+    "RunOptions",
     "RunResult",
     "Scenario",
     "ScenarioError",
@@ -34,6 +38,7 @@ __all__ = [
 
 _HOMES = {
     "Run": "reading",
+    "RunOptions": "runner",
     "RunResult": "runner",
     "Scenario": "schema",
     "ScenarioError": "errors",

@@ -8,7 +8,7 @@ import numpy as np
 from agents.geometry import Bools, Floats, GridFrame, Singles
 from agents.voxel.frame import VoxelFrame
 from scenarios.floor import FREE_RGB, HIDDEN_RGB, SOLID_RGB
-from scenarios.ground import Way, draw_way
+from scenarios.ground import Way, draw_ways, name_ways
 from scenarios.planarscore import VoxelTruth
 from scenarios.shading import UNKNOWN_RGB, colours
 
@@ -47,15 +47,13 @@ def draw_cave(figure: "SubFigure", truth: VoxelTruth, ways: Sequence[Way]) -> No
     above.imshow(
         _plan(heights_m, frame), origin="lower", extent=frame.extent_m, interpolation="nearest"
     )
-    for way in ways:
-        draw_way(above, way)
+    draw_ways(above, ways)
     row = _busiest(truth)
     y_m = frame.y_m + (row + 0.5) * frame.cell_m
     above.axhline(y_m, color="black", linewidth=0.8, linestyle=":")
     above.set_title("The cave from above: heights of what can be seen; true ways and looks")
     above.set_ylabel("north, m")
-    if above.get_legend_handles_labels()[0]:
-        above.legend(loc="upper left", fontsize=10, frameon=True, facecolor="white")
+    name_ways(above)
     _draw_section(section, truth, row)
     section.set_title(f"Section along the dotted line, {y_m:.1f} m north (grey: cannot be seen)")
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.geometry import Floats
 from scenarios.events import KINDS
-from scenarios.palette import INK, MUTED, in_kind_order, kind_colour, robot_colours
+from scenarios.palette import INK, MANY, MUTED, in_kind_order, kind_colour, robot_colours
 from scenarios.record import EventRow, Records
 
 if TYPE_CHECKING:
@@ -55,11 +55,11 @@ def draw_bytes_by_robot(axes: "Axes", records: Records) -> None:
     totals = {
         name: sum(n for (who, _), n in sizes.items() if who == name) for name in records.robots
     }
-    names = sorted(records.robots, key=lambda name: (-totals[name], name))
-    left = np.zeros(len(names))
+    bars = _bars(sorted(records.robots, key=lambda name: (-totals[name], name)))
+    left = np.zeros(len(bars))
     for kind in in_kind_order(kind for _, kind in sizes):
-        widths = np.array([sizes[(name, kind)] for name in names])
-        axes.barh(names, widths / 1000, left=left / 1000, color=kind_colour(kind), height=0.62)
+        widths = np.array([np.mean([sizes[(name, kind)] for name in who]) for who in bars.values()])
+        axes.barh(list(bars), widths / 1000, left=left / 1000, color=kind_colour(kind), height=0.62)
         left += widths
     if not left.any():
         return _nothing(axes, "nothing was sent")
@@ -72,6 +72,14 @@ def draw_bytes_by_robot(axes: "Axes", records: Records) -> None:
     return None
 
 
+def _bars(names: list[str]) -> dict[str, list[str]]:
+    """Return whose mean each bar shows, by its label: of many robots the last share one."""
+    if len(names) <= MANY:
+        return {name: [name] for name in names}
+    most, rest = names[: MANY - 1], names[MANY - 1 :]
+    return {**{name: [name] for name in most}, f"mean of {len(rest)} more": rest}
+
+
 def draw_information(axes: "Axes", records: Records, end_s: float) -> None:
     """Draw how much each robot knows by each moment: the gap between two is what the link owes."""
     axes.set_title("What each robot knows")
@@ -79,18 +87,43 @@ def draw_information(axes: "Axes", records: Records, end_s: float) -> None:
     _time_axis(axes, end_s)
     if not records.maps:
         return _nothing(axes, "no map was recorded")
-    dashes = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), "-.", (0, (7, 2, 1.2, 2)), (0, (3, 1)))
-    names = list(records.robots)
-    for index, (name, colour) in enumerate(robot_colours(names).items()):
-        rows = sorted((row.t_s, row.information_bits) for row in records.maps if row.robot == name)
-        if rows:
-            curve = np.array(rows)
-            style = dashes[index % len(dashes)]
-            axes.plot(curve[:, 0] / 60, curve[:, 1] / 1000, ls=style, color=colour, label=name)
+    curves = {name: _known(records, name) for name in records.robots}
+    curves = {name: curve for name, curve in curves.items() if len(curve)}
+    if len(curves) > MANY:
+        _draw_spread(axes, list(curves.values()), end_s)
+    else:
+        _draw_each(axes, curves, robot_colours(records.robots))
     axes.set_ylim(bottom=0)
     axes.legend(loc="lower right", fontsize=9.5)
     _mark_incidents(axes, records)
     return None
+
+
+def _known(records: Records, name: str) -> Floats:
+    """Return what a robot knew (N, 2): times in s, bits."""
+    rows = sorted((row.t_s, row.information_bits) for row in records.maps if row.robot == name)
+    return np.array(rows).reshape(-1, 2)
+
+
+def _draw_each(axes: "Axes", curves: dict[str, Floats], colours: dict[str, str]) -> None:
+    dashes = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), "-.", (0, (7, 2, 1.2, 2)), (0, (3, 1)))
+    for index, (name, colour) in enumerate(colours.items()):
+        if name in curves:
+            curve, style = curves[name], dashes[index % len(dashes)]
+            axes.plot(curve[:, 0] / 60, curve[:, 1] / 1000, ls=style, color=colour, label=name)
+
+
+def _draw_spread(axes: "Axes", curves: list[Floats], end_s: float) -> None:
+    """Draw the curves of many, the middle one and the bounds of all of them."""
+    times_s = np.linspace(0.0, end_s, _STEPS)
+    kbit = np.array([np.interp(times_s, curve[:, 0], curve[:, 1]) for curve in curves]) / 1000
+    for curve in curves:
+        axes.plot(curve[:, 0] / 60, curve[:, 1] / 1000, color=MUTED, linewidth=0.6, alpha=0.6)
+    least, middle, most = np.quantile(kbit, (0.0, 0.5, 1.0), axis=0)
+    axes.fill_between(
+        times_s / 60, least, most, color=MUTED, alpha=0.18, label=f"all {len(curves)} robots"
+    )
+    axes.plot(times_s / 60, middle, color=INK, linewidth=2, label="the middle one")
 
 
 def _time_axis(axes: "Axes", end_s: float) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame, Singles
-from scenarios.ground import Way, draw_way
+from scenarios.ground import Way, draw_ways, name_ways
 from scenarios.shading import UNKNOWN_RGB
 
 if TYPE_CHECKING:
@@ -37,13 +37,11 @@ def draw_floor(
     seen = np.where(solid[..., None], SOLID_RGB, FREE_RGB)
     unseen = np.where(solid[..., None], HIDDEN_RGB, UNKNOWN_RGB)
     _show(axes, np.where(observable[..., None], seen, unseen), frame)
-    for way in ways:
-        draw_way(axes, way)
+    draw_ways(axes, ways)
     axes.set_title("The floor as it is (grey: cannot be seen); true ways and looks of the robots")
     axes.set_xlabel("x, m")
     axes.set_ylabel("y, m")
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left", fontsize=10, frameon=True, facecolor="white", framealpha=0.88)
+    name_ways(axes)
 
 
 def _show(axes: "Axes", picture: Floats, frame: GridFrame) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.geometry import Floats, GridFrame, Singles
-from scenarios.palette import INK, MUTED, marker_of
+from scenarios.palette import INK, MANY, MUTED, marker_of, short
 from scenarios.shading import UNKNOWN_RGB, colours, relief
 
 if TYPE_CHECKING:
@@ -72,8 +72,7 @@ def draw_ground(
     show_map(axes, elevation_m, frame, scale)
     _draw_contours(axes, elevation_m, frame, scale)
     _draw_tethers(axes, ways)
-    for way in ways:
-        draw_way(axes, way)
+    draw_ways(axes, ways)
     if goal_m is not None:
         star: dict[str, Any] = {
             "color": "#ffe34d",
@@ -86,8 +85,7 @@ def draw_ground(
     axes.set_xlabel("east, m")
     axes.set_ylabel("north, m")
     _draw_scale(figure, axes, scale)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left", fontsize=10, frameon=True, facecolor="white", framealpha=0.88)
+    name_ways(axes)
 
 
 def _draw_contours(axes: "Axes", elevation_m: Singles, frame: GridFrame, scale: Scale) -> None:
@@ -102,7 +100,25 @@ def _draw_contours(axes: "Axes", elevation_m: Singles, frame: GridFrame, scale: 
     axes.contour(east, north, heights, levels=levels, colors=INK, linewidths=0.5, alpha=0.3)
 
 
-def draw_way(axes: "Axes", way: Way) -> None:
+def draw_ways(axes: "Axes", ways: Sequence[Way]) -> None:
+    """Draw the ways of all robots; many are told apart by the ends of their names."""
+    many = len(ways) > MANY
+    for way in ways:
+        _draw_way(axes, way, label="" if many else way.label)
+        if many and len(way.track_m):
+            box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
+            style: dict[str, Any] = {"fontsize": 8, "zorder": 7, "bbox": box}
+            style["textcoords"] = "offset points"
+            axes.annotate(short(way.name), way.track_m[-1], (6, 3), color=way.colour, **style)
+
+
+def name_ways(axes: "Axes") -> None:
+    """Say what is drawn on the ground, where it has names."""
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="upper left", fontsize=10, frameon=True, facecolor="white", framealpha=0.88)
+
+
+def _draw_way(axes: "Axes", way: Way, label: str) -> None:
     """Draw a robot's way, where it looked from, and where it ended."""
     if len(way.track_m) == 0:
         return
@@ -111,7 +127,7 @@ def draw_way(axes: "Axes", way: Way) -> None:
     axes.plot(east, north, color=way.colour, linewidth=2.3, solid_capstyle="round", zorder=4)
     dots = {"facecolor": "white", "edgecolor": way.colour, "linewidths": 1.7}
     axes.scatter(*way.looks_m.T, s=24, zorder=5, **dots)
-    show_robot(axes, way, size=11, label=way.label)
+    show_robot(axes, way, size=11, label=label)
 
 
 def show_robot(axes: "Axes", way: Way, *, size: float, label: str = "") -> None:

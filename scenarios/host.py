@@ -6,49 +6,39 @@ the conductor.
 """
 
 import asyncio
-import math
 import traceback
 from collections.abc import Coroutine
 from typing import Any
 
 import numpy as np
 
-from agents.briefing import AgentSettings
 from agents.disk import Disk, DiskError
 from agents.files import LocalFiles
-from agents.geometry import Floats, GridFrame, Pose
-from agents.landmarks import Landmark
+from agents.geometry import Pose
 from agents.layers import Anchor
 from agents.messages import pack_anchor
-from agents.planar.rays import fan_rad
 from agents.ports import Exposure
 from agents.robot import Robot
 from agents.roles import ROLES
 from agents.store import AnchorKey
-from agents.voxel.rays import ray_directions
 from comms.air import Packet
 from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.diary import MAP_NOTES, Diary, PoseNote
 from scenarios.dice import dice
 from scenarios.handed import BORN, HANDED, pack_born, pack_handed
-from scenarios.hostradio import HostRadio, Outbox, lookahead_ns
+from scenarios.hostradio import HostRadio, Outbox
 from scenarios.ledger import entry
+from scenarios.makings import motions_of, points_of, rig_of, told
 from scenarios.notebook import LogFile, Notebook
-from scenarios.record import EventRow, LookRow, MapRow
-from scenarios.recordings import drive_of, recorded
-from scenarios.schema import Scenario
-from scenarios.scorers import scorer_of
+from scenarios.odometer import Odometer, Rms
+from scenarios.record import EventRow, LookRow
 from scenarios.view.hand import as_told
 from scenarios.view.witness import Witness
+from scenarios.weighing import Scales
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import ScaledLoop, VirtualLoop
-from sim.motion import Motions, Segment
-from sim.rig import Rig, make_rig
+from sim.motion import Segment
 from sim.troubles import FailingFiles, Troubles, failing
-
-START_SIGMA_M = 0.02
-START_SIGMA_RAD = 0.004
-"""What the team's first localisation leaves unsure of everybody but the origin."""
 
 
 class Host:
@@ -61,16 +51,12 @@ class Host:
         self.name = plan.name
         self.scenario = plan.scenario
         self.roster = list(self.scenario.robots)
-        self.motions = self._motions()
+        self.motions = motions_of(plan)
         self.segments: list[Any] = []
         self.fault = ""
-        self._driven_m = 0.0
-        self._way: Segment | None = None
+        self.odometer = Odometer()
         self.status: dict[str, Any] = {}
         self._pose_errors = Rms()
-        self._map_score: tuple[float, float | None, int, float, float] = (0.0, None, 0, 0.0, 0.0)
-        self._scored: object = None
-        self._scorer = scorer_of(plan.terrain)
         self._tasks: list[asyncio.Task[None]] = []
         self.measured: list[Any] = []
         self._witness = Witness(plan) if plan.keeps_growth else None
@@ -92,9 +78,17 @@ class Host:
             log.keep(BORN, pack_born(plan), plan.start_ns)
         if refusal:
             self.event("disk", refusal)
-        self.rig = self._rig(disk)
+        self.rig = rig_of(
+            plan,
+            life,
+            self.motions,
+            self._publish,
+            lambda shot, seen: self.diary.image(from_s(seen.exposure.t_s), shot.left),
+        )
         hardware = failing(self.rig.hardware, self.troubles)
-        self.robot = Robot(self._agent_settings(), hardware, disk, self, self._dice("robot", disk))
+        luck = dice(self.scenario, self.name, "robot", life)
+        self.robot = Robot(told(plan), hardware, disk, self, luck)
+        self.scales = Scales(plan, self.robot)
         self.own_radio = HostRadio(
             plan,
             life,
@@ -115,85 +109,6 @@ class Host:
         """Return the loop's time."""
         return round(self.loop.time() * NS)
 
-    def _dice(self, purpose: str, disk: Disk) -> np.random.Generator:
-        return dice(self.scenario, self.name, purpose, disk.incarnation)
-
-    def _motions(self) -> Motions:
-        motions = Motions()
-        for name, pose in self.plan.starts.items():
-            motions.add(Segment(name, 0, 0, pose, pose))
-        for wire in self.plan.segments:
-            motions.add(Segment.from_wire(wire))
-        return motions
-
-    def _rig(self, disk: Disk) -> Rig:
-        scenario = self.scenario
-        return make_rig(
-            self.name,
-            {name: robot.role for name, robot in scenario.robots.items()},
-            terrain=self.plan.terrain,
-            landmarks=self.plan.landmarks,
-            meshes={n: m.mesh for n, m in scenario.world.landmarks.items() if m.mesh},
-            motions=self.motions,
-            publish=self._publish,
-            delay_ns=lookahead_ns(scenario),
-            start=self.plan.pose or self.plan.starts[self.name],
-            start_ns=self.plan.start_ns,
-            tether_m=self.plan.tether_m,
-            sensor=scenario.sensor,
-            drive=scenario.drive,
-            tether=scenario.tether,
-            body_rng=dice(scenario, self.name, "body", disk.incarnation),
-            camera_rng=dice(scenario, self.name, "camera", disk.incarnation),
-            light=scenario.world.light,
-            ground_salt=scenario.seed,
-            led=recorded(scenario, self.name, self.plan.starts[self.name]),
-            kept=lambda shot, seen: self.diary.image(from_s(seen.exposure.t_s), shot.left),
-        )
-
-    def _agent_settings(self) -> AgentSettings:
-        scenario = self.scenario
-        roles = tuple(robot.role for robot in scenario.robots.values())
-        start, covariance = believed_start(
-            scenario, self.plan.starts, self.name, self.plan.terrain.frame
-        )
-        return AgentSettings(
-            name=self.name,
-            index=self.roster.index(self.name),
-            roster=tuple(self.roster),
-            roles=roles,
-            frame=self.plan.terrain.frame,
-            start=start,
-            start_covariance=covariance,
-            goal_m=self.plan.goal_m,
-            method=scenario.method,
-            map=scenario.map.model_copy(update={"cell_m": self.plan.terrain.frame.cell_m}),
-            sensor=scenario.sensor,
-            drive=drive_of(scenario, self.name),
-            planner=scenario.planner,
-            sharing=scenario.sharing,
-            tether=scenario.tether,
-            landmarks=tuple(Landmark(n, pose) for n, pose in sorted(self.plan.landmarks.items())),
-            start_known=scenario.robots[self.name].start_known,
-        )
-
-    # --- the way driven -----------------------------------------------------------------------
-
-    @property
-    def distance_m(self) -> float:
-        """Return the length of the way that the robot truly went so far, over the ground."""
-        return self._driven_m + self._part_of_way_m(self.now_ns())
-
-    def _part_of_way_m(self, t_ns: int) -> float:
-        if self._way is None:
-            return 0.0
-        share = self._way.share_at(t_ns) if t_ns > self._way.start_ns else 0.0
-        return share * _length_m(self._way.start, self._way.end)
-
-    def _close_way(self, t_ns: int) -> None:
-        self._driven_m += self._part_of_way_m(t_ns)
-        self._way = None
-
     # --- the robot's log --------------------------------------------------------------------
 
     def look(
@@ -206,37 +121,17 @@ class Host:
         pose = self.true_pose(t_ns)
         row = LookRow(
             self.name, exposure.t_s, pose.x_m, pose.y_m, pose.z_m, exposure.pan_rad,
-            exposure.tilt_rad, expected_cells, obtained_cells, new_cells, self.distance_m,
-            self._coverage(),
+            exposure.tilt_rad, expected_cells, obtained_cells, new_cells,
+            self.odometer.distance_m(self.now_ns()), self.scales.coverage(),
         )  # fmt: skip
         self.notebook.add(row, t_ns)
-        self.diary.seen(t_ns, exposure, self._points_m(exposure), self.robot.pose)
+        self.diary.seen(t_ns, exposure, points_of(self.scenario, exposure), self.robot.pose)
         self._note_pose(t_ns)
-
-    def _points_m(self, exposure: Exposure) -> Floats:
-        """Return the points (N, 3) of a look, of ranges too, in the levelled robot frame."""
-        if not exposure.ranges_m.size:
-            return exposure.points_m
-        ranges_m, sensor = exposure.ranges_m, self.scenario.sensor
-        if self.scenario.map.kind == "voxel":
-            rays = ray_directions(sensor, exposure.pan_rad, exposure.tilt_rad)
-            points_m = ranges_m.reshape(-1, 1) * rays + (0.0, 0.0, sensor.height_m)
-            return points_m[np.isfinite(ranges_m.ravel())]
-        angles = exposure.pan_rad + fan_rad(sensor)
-        flat = (ranges_m * np.cos(angles), ranges_m * np.sin(angles), np.zeros_like(ranges_m))
-        return np.column_stack(flat)[np.isfinite(ranges_m)]
 
     def _note_pose(self, t_ns: int) -> None:
         filtered, still = self.robot.filter, not self._is_moving(t_ns)
         note = PoseNote(self.true_pose(t_ns), self.robot.pose, filtered.covariance, still)
         self.diary.pose(t_ns, note)
-
-    def _coverage(self) -> float:
-        """Return the share of the observable cells that its team map has."""
-        observable = self.plan.observable
-        done = self._scorer.done(self.robot.team.fused())
-        every = int(np.count_nonzero(observable))
-        return int(np.count_nonzero(done & observable)) / every if every else 0.0
 
     def event(self, what: str, detail: str = "") -> None:
         """Write down something that happened."""
@@ -278,47 +173,32 @@ class Host:
 
     def weigh(self, t_ns: int) -> None:
         """Write down what the robot knows now, and how right it is."""
-        team = self.robot.team
-        heard = team.as_heard()
-        if heard is not self._scored:
-            self._scored = heard
-            bits, error_m = team.kind.bits(heard), self._scorer.error_m(heard)
-            self._map_score = (bits, error_m, int(heard.known.sum()), *self._layers())
-            if self._witness is not None:
-                self._witness.weigh(t_ns, self._scorer.done(heard), heard, self.robot)
-        bits, error_m, cells, own_bits, heard_bits = self._map_score
-        own, known = self.robot.own.known_cells(), team.known_entries()
-        row = MapRow(to_s(t_ns), self.name, own, known, bits, error_m, cells, own_bits, heard_bits)
+        row, is_new = self.scales.weigh(t_ns)
+        if is_new and self._witness is not None:
+            self._witness.weigh(t_ns, self.scales.done(), self.scales.heard, self.robot)
         self.notebook.add(row, t_ns)
         if self.robot.located and not self._is_moving(t_ns):  # a drive is measured when it is done
             self._pose_errors.append(self.true_pose(t_ns).distance_m(self.robot.pose))
         self._note_pose(t_ns)
         if self.diary.is_due(t_ns):
-            self.diary.map(t_ns, self._scorer.charts(heard))
+            self.diary.map(t_ns, self.scales.charts())
         self.status = {
             "t_s": to_s(t_ns),
             "activity": self.robot.activity,
             "looks": self.robot.looks,
-            "own_cells": own,
-            "team_cells": known,
+            "own_cells": row.own_cells,
+            "team_cells": row.team_cells,
             "digest": self.robot.store.digest(),
             "payload_bytes": self.robot.store.payload_bytes,
             "settled": self._is_settled(),
             "sent_bytes": self.radio.traffic.sent_bytes,
             "received_bytes": self.radio.traffic.received_bytes,
             "airtime_s": to_s(self.radio.traffic.airtime_ns),
-            "distance_m": self.distance_m,
+            "distance_m": self.odometer.distance_m(self.now_ns()),
             "pose_error_rms_m": self._pose_errors.value,
             "dropped": dict(sorted(self.radio.dropped.items())),
             "hazards": self.rig.hazards_hit(),
         }
-
-    def _layers(self) -> tuple[float, float]:
-        """Return the information of the own layer, and what is here of all others'."""
-        bits = self.robot.team.layer_bits()
-        me = self.robot.me.robot
-        own = sum(value for origin, value in bits.items() if origin.robot == me)
-        return own, sum(bits.values()) - own
 
     def _is_settled(self) -> bool:
         """Say whether its work is done, and nothing is left unsent that anybody could hear."""
@@ -396,9 +276,8 @@ class Host:
         self.weigh(end_ns)
         status = self.status
         report = self.report()
-        heard = self.robot.team.as_heard()
-        grids = self._scorer.grids(heard)
-        self.diary.map(end_ns, self._scorer.charts(heard), whole=True)
+        grids = self.scales.grids()
+        self.diary.map(end_ns, self.scales.charts(), whole=True)
         speed = self.scenario.clock.speed
         report.final = {
             **status,
@@ -441,8 +320,7 @@ class Host:
         self.loop.close()
 
     def _publish(self, segment: Segment) -> None:
-        self._close_way(segment.start_ns)
-        self._way = segment
+        self.odometer.drive(segment)
         self.motions.add(segment)
         self.segments.append(segment.to_wire())
 
@@ -454,48 +332,3 @@ def _begin(disk: Disk) -> str:
     except DiskError as error:
         return str(error)
     return ""
-
-
-def believed_start(
-    scenario: Scenario, starts: dict[str, Pose], name: str, frame: GridFrame
-) -> tuple[Pose, Floats]:
-    """Return what a robot believes of its start: the first mapping robot is the team's origin.
-
-    The others were localised against it (section 2.1): a little unsure, and a little wrong. Who
-    does not know its start takes the middle of the grid for its own frame's.
-    """
-    if not scenario.robots[name].start_known:
-        west, east, south, north = frame.extent_m
-        middle = Pose((west + east) / 2, (south + north) / 2, 0.0, 0.0)
-        return middle, np.diag([1e-6, 1e-6, 1e-6, 1e-8])
-    origin = next((n for n, r in scenario.robots.items() if r.role == "recon"), next(iter(starts)))
-    true = starts[name]
-    if name == origin:
-        return true, np.diag([1e-6, 1e-6, 1e-6, 1e-8])
-    error = dice(scenario, name, "start").normal(size=4)
-    sigma = (START_SIGMA_M, START_SIGMA_M, START_SIGMA_M, START_SIGMA_RAD)
-    x, y, z, yaw = (float(e) * s for e, s in zip(error, sigma, strict=True))
-    believed = Pose(true.x_m + x, true.y_m + y, true.z_m + z, true.yaw_rad + yaw)
-    return believed, np.diag([s * s for s in sigma])
-
-
-def _length_m(start: Pose, end: Pose) -> float:
-    return math.hypot(end.x_m - start.x_m, end.y_m - start.y_m, end.z_m - start.z_m)
-
-
-class Rms:
-    """A root mean square that keeps no values."""
-
-    def __init__(self) -> None:
-        """Begin with none."""
-        self._sum, self._count = 0.0, 0
-
-    def append(self, value: float) -> None:
-        """Take one more."""
-        self._sum += value * value
-        self._count += 1
-
-    @property
-    def value(self) -> float | None:
-        """The root mean square so far; None of nothing."""
-        return math.sqrt(self._sum / self._count) if self._count else None

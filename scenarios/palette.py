@@ -23,6 +23,8 @@ STYLE: dict[Any, Any] = {
 }
 """Of every figure, as matplotlib has it."""
 
+MANY = 12
+"""Of more robots than these not each one is named beside a picture."""
 _ROBOTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00")
 _KINDS = {
     "MAP": "#332288",
@@ -63,3 +65,8 @@ def in_kind_order(kinds: Iterable[str]) -> list[str]:
 def marker_of(role: str) -> str:
     """Return the marker of a role: round maps, pointing down goes down, square stands fast."""
     return _MARKERS.get(role, "D")
+
+
+def short(name: str) -> str:
+    """Return what tells a robot from those of its kind: the end of its name."""
+    return name.rpartition("-")[2]

@@ -6,7 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -67,25 +67,35 @@ class RobotFaultError(Exception):
         super().__init__(f"{name}'s program failed:\n{trace}")
 
 
-def run(
-    scenario: Scenario,
-    out: Path,
-    *,
-    quiet: bool = False,
-    overwrite: bool = False,
-    picture: bool = True,
-    merge: bool = True,
-    page: LivePage | None = None,
-    beside: Beside | None = None,
-    crew_of: Callable[[], Crew] | None = None,
-) -> RunResult:
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run leaves and shows besides its records."""
+
+    quiet: bool = False
+    """Say nothing but errors."""
+    overwrite: bool = False
+    """Replace a former run in the folder."""
+    picture: bool = True
+    """Also a picture and a report."""
+    merge: bool = True
+    """Also a `run.mcap`."""
+    page: LivePage | None = None
+    """Where the run is shown while it goes on; it needs the picture."""
+    beside: Beside | None = None
+    """Entered with the run's folder before the robots start, and left when they ended."""
+    crew_of: Callable[[], Crew] | None = None
+    """Makes a crew of another kind than the scenario's `air` asks for."""
+
+
+PLAIN = RunOptions()
+RECORDS_ONLY = RunOptions(quiet=True, picture=False, merge=False)
+"""For programs that run many."""
+
+
+def run(scenario: Scenario, out: Path, options: RunOptions = PLAIN, **changes: Any) -> RunResult:
     """Run a scenario and write its records to `out`.
 
-    With `picture` also a picture and a report, with `merge` a `run.mcap`. While it goes on it is
-    shown on a `page`, if there is one; then there must be a picture too. `beside` is entered with
-    the run's folder before the robots start, and left when they ended.
-
-    `crew_of` makes a crew of another kind than the scenario's `air` asks for.
+    `changes` are options by name: `run(scenario, out, quiet=True)`.
 
     Raises:
         WorldError: the scenario's terrain can't be used; nothing was written.
@@ -94,29 +104,30 @@ def run(
         RobotFaultError: a robot's own program failed; the records up to then were written.
 
     """
+    options = replace(options, **changes)
     started_s = time.perf_counter()
     title = scenario.title or scenario.name
-    view = LiveView(title, quiet=quiet)
+    view = LiveView(title, quiet=options.quiet)
     compile_s = _compile(view)
-    if scenario.air == "zenoh" and crew_of is None:
+    if scenario.air == "zenoh" and options.crew_of is None:
         start_fork_server()
     stage = set_stage(scenario)
-    crew = crew_of() if crew_of is not None else _crew(scenario)
-    with contextlib.closing(page or LivePage()):
+    crew = options.crew_of() if options.crew_of is not None else _crew(scenario)
+    with contextlib.closing(options.page or LivePage()):
         with contextlib.closing(crew):
-            folder.prepare(out, overwrite=overwrite)
+            folder.prepare(out, overwrite=options.overwrite)
             write_atomic(out / "scenario.toml", dump(scenario))
             is_virtual = scenario.clock.mode == "virtual"
             play: Play = (VirtualRun if is_virtual else RealRun)(stage, out, crew, view)
-            if picture:
+            if options.picture:
                 play.reel = Reel(stage)
-            company = contextlib.nullcontext() if beside is None else beside(out)
+            company = contextlib.nullcontext() if options.beside is None else options.beside(out)
             with company, view, _ctrl_c(play.interrupt):
-                if page is not None:
-                    page.begin(play, title)
+                if options.page is not None:
+                    options.page.begin(play, title)
                 play.play()
-        result = _write_up(play, view, started_s + compile_s, compile_s, picture=picture, page=page)
-    if merge:
+        result = _write_up(play, view, started_s + compile_s, compile_s, options)
+    if options.merge:
         _merge(out, view)
     return result
 
@@ -155,13 +166,7 @@ def _ctrl_c(interrupt: Callable[[], None]) -> Generator[None]:
 
 
 def _write_up(
-    play: Play,
-    view: LiveView,
-    started_s: float,
-    compile_s: float,
-    *,
-    picture: bool,
-    page: LivePage | None,
+    play: Play, view: LiveView, started_s: float, compile_s: float, options: RunOptions
 ) -> RunResult:
     """Write all records of a run that has ended, and say what came out."""
     stage, out = play.stage, play.out
@@ -171,7 +176,7 @@ def _write_up(
     summary = summarise(stage.scenario, play.records, finals, stage.truth, ending)
     play.records.write(out)
     write_json(out / "summary.json", summary)
-    if picture:
+    if options.picture:
         draw(
             out / "overview.png",
             Overview(
@@ -203,8 +208,8 @@ def _write_up(
     write_json(out / "host.json", {**host_facts(host), **play.final_facts_of_clock()})
     if play.reel is not None:
         write_report(out)
-    if page is not None:
-        page.end(play, end_of(read_run(out)))
+    if options.page is not None:
+        options.page.end(play, end_of(read_run(out)))
     view.say(report(summary, play.records, out))
     for actor in play.actors.values():
         if actor.fault:

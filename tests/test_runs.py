@@ -148,7 +148,9 @@ def test_no_frame_comes_before_its_last_bit_has_been_sent_and_has_travelled(any_
         if frame["arrive_s"] is not None:
             arrivals += 1
             assert frame["arrive_s"] >= frame["start_s"] + airtime_s + latency_s - 2e-9
-    assert arrivals > 30
+    heard = sum(told["received_frames"] for told in any_run.summary["robots"].values())
+    # Robots that were cut short have taken what their records do not tell of any more.
+    assert arrivals >= heard > 0
 
 
 def test_a_transmitter_sends_one_frame_at_a_time(any_run: Ran) -> None:

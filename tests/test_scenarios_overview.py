@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from agents.geometry import GridFrame, Singles
-from scenarios.charts import sent_kb
+from scenarios.charts import draw_bytes_by_robot, draw_information, sent_kb
 from scenarios.overview import Overview, caption, draw, map_facts
-from scenarios.palette import in_kind_order, kind_colour, robot_colours
+from scenarios.palette import MANY, in_kind_order, kind_colour, robot_colours
 from scenarios.record import EventRow, LookRow, MapRow, Records, TxRow
 from scenarios.schema import load
 from scenarios.shading import UNKNOWN_RGB, colours, hillshade, relief
@@ -117,3 +118,29 @@ def test_robots_and_kinds_have_colours_of_their_own() -> None:
     kinds = ["map", "anchor", "digest", "status", "tether", "fix", "stop"]
     assert len({kind_colour(kind) for kind in kinds}) == len(kinds)
     assert in_kind_order(["zebra", "stop", "map", "map"]) == ["map", "stop", "zebra"]
+
+
+@pytest.mark.parametrize("robots", [MANY, MANY + 1, 64])
+def test_a_picture_of_many_keeps_its_panels_and_names_no_crowd(robots: int, tmp_path: Path) -> None:
+    """What has no room is squeezed out by matplotlib with a warning, and warnings are errors."""
+    shown = overview(robots, mapped=True)
+    draw(tmp_path / "overview.png", shown)
+    figure = Figure()
+    bars, curves = figure.subplots(1, 2)
+    draw_bytes_by_robot(bars, shown.records)
+    draw_information(curves, shown.records, 400.0)
+    names = [label.get_text() for label in bars.get_yticklabels()]
+    assert len(names) == MANY
+    assert (f"mean of {robots - MANY + 1} more" in names) == (robots > MANY)
+    assert len(curves.get_legend().get_texts()) <= MANY
+
+
+def test_the_bar_of_the_rest_is_their_mean() -> None:
+    shown = overview(MANY + 3, mapped=False)
+    for n, name in enumerate(shown.records.robots):
+        shown.records.add(TxRow(name, 0, "map", 1000 * (n + 1), 0.0, 0.0, 1.0))
+    axes = Figure().subplots()
+    draw_bytes_by_robot(axes, shown.records)
+    told = [float(text.get_text()) for text in axes.texts]
+    assert told[:2] == [MANY + 3, MANY + 2]
+    assert told[-1] == np.mean([1, 2, 3, 4])

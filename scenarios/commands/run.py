@@ -88,14 +88,14 @@ def _run(args: argparse.Namespace) -> int:
     scenario = _load(args)
     crew_of = crew_on_hosts(args, scenario)
     out = _folder(args, scenario)
-    from scenarios.runner import run
+    from scenarios.runner import RunOptions, run
     from sim.errors import WorldError
 
     page = _page(args)
     beside = _in_ros2() if args.ros2 else None
     how = {"quiet": args.quiet, "overwrite": args.overwrite, "merge": not args.no_merge}
     try:
-        run(scenario, out, **how, page=page, beside=beside, crew_of=crew_of)
+        run(scenario, out, RunOptions(**how, page=page, beside=beside, crew_of=crew_of))
     except WorldError as error:
         raise ScenarioError([f"{args.scenario}: {error}"]) from error
     except OSError as error:

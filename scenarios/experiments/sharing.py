@@ -24,7 +24,7 @@ from scenarios.experiments.frame import Experiment, Options
 from scenarios.experiments.sharing_claims import conclude
 from scenarios.experiments.sharing_figure import draw
 from scenarios.experiments.tables import Row
-from scenarios.runner import run
+from scenarios.runner import RECORDS_ONLY, run
 from scenarios.schema import Scenario, load
 
 THIN_BPS = 2400.0
@@ -114,7 +114,7 @@ def measure(trial: Trial) -> Sequence[Row]:
     }
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        run(scenario_of(trial), out, quiet=True, picture=False, merge=False)
+        run(scenario_of(trial), out, RECORDS_ONLY)
         samples = _samples(out)
         summary = json.loads((out / "summary.json").read_text())
         robots = len(summary["robots"])

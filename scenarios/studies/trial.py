@@ -19,7 +19,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from scenarios.runner import run
+from scenarios.runner import RECORDS_ONLY, run
 from scenarios.schema import parse
 
 Number = int | float | bool | str | None
@@ -66,7 +66,7 @@ def _measured(text: str, out: Path) -> Told:
     cv2 = importlib.import_module("cv2")
     cv2.setNumThreads(1)  # the other cores are for the other trials
     scenario = parse(tomllib.loads(text), "trial")
-    run(scenario, out, quiet=True, picture=False, merge=False)
+    run(scenario, out, RECORDS_ONLY)
     summary = (out / "summary.json").read_text()
     told = cast("dict[str, Any]", json.loads(summary))
     measures = measures_of(out, told, scenario.limit_s)
