@@ -14,13 +14,14 @@ SETTINGS := pyproject.toml constraints.txt
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --quiet
 
 .DEFAULT_GOAL := help
-.PHONY: help demo setup test test-all fuzz chaos soak lint docs figures format scenario-keys \
+.PHONY: help demo setup test test-all commands fuzz chaos soak lint docs figures format scenario-keys \
 	readme-picture view-pictures clean
 
 help:
 	@echo "make demo      four robots map a cliff over thin radios; ends with a picture of it"
 	@echo "make test      the tests, without the slow ones"
 	@echo "make test-all  all tests"
+	@echo "make commands  every command of the documents, in processes as a reader runs them"
 	@echo "make fuzz      a million damaged and forged inputs for each decoder (RUNS=n)"
 	@echo "make chaos     10,000 small runs under random faults (CHAOS=n), none of which may break"
 	@echo "make soak      24 simulated hours under faults, in which no process may grow (HOURS=n)"
@@ -44,6 +45,10 @@ test: $(VENV)/test.stamp
 test-all: $(VENV)/test.stamp
 	@$(BIN)/python -m scenarios.preload
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
+
+commands: $(VENV)/test.stamp
+	@$(BIN)/python -m scenarios.preload
+	$(BIN)/python -m pytest -m "slow or not slow" tests/test_docs_commands.py $(ARGS)
 
 fuzz: $(VENV)/fuzz.stamp
 	$(BIN)/python fuzz/run.py --runs $(RUNS) $(ARGS)

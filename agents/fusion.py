@@ -2,8 +2,10 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.errors import AgentError
 from agents.geometry import Floats, Pose, wrap_angle
@@ -29,9 +31,9 @@ class Gaussian:
     covariance: Floats
 
 
-def symmetric(matrix: Floats) -> Floats:
+def symmetric(matrix: NDArray[np.floating[Any]]) -> Floats:
     """Return the symmetric part of a matrix (n, n)."""
-    return 0.5 * (matrix + matrix.T)
+    return np.asarray(0.5 * (matrix + matrix.T), dtype=np.float64)
 
 
 def checked_covariance(covariance: Floats, size: int) -> Floats:

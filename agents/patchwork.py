@@ -43,6 +43,7 @@ class Patchwork(Generic[S, E]):
         self._kind, self._grid = kind, grid
         self._with_anchors, self._counts_bits = with_anchors, counts_bits
         self._margin = kind.margin_cells if with_anchors else 0
+        self._seams: dict[int, list[tuple[int, Window, Window]]] = {}
         self._whole: E | None = None
         self._stale = set(grid.tiles)
         self._bits: dict[Origin, dict[int, float]] = {}
@@ -123,14 +124,22 @@ class Patchwork(Generic[S, E]):
     def _with_margin(self, sheet: Sheet[E], tile: int, window: Window) -> E:
         """Return what is drawn of a tile and, in a larger window, of those beside it."""
         drawing = self._kind.blank(shape_of(window))
-        for near in (tile, *self._grid.beside(tile)):
+        for near, theirs, ours in self._seams_of(tile, window):
             piece = sheet.tile(near)
             if piece is not None:
+                self._kind.paste(drawing, ours, self._kind.cut(piece, theirs))
+        return drawing
+
+    def _seams_of(self, tile: int, window: Window) -> list[tuple[int, Window, Window]]:
+        """Return which tiles reach into a tile's larger window: where in them, and where in it."""
+        if tile not in self._seams:
+            found: list[tuple[int, Window, Window]] = []
+            for near in (tile, *self._grid.beside(tile)):
                 there = self._grid.window(near)
                 both = overlap(there, window)
-                piece = self._kind.cut(piece, inside(both, there))
-                self._kind.paste(drawing, inside(both, window), piece)
-        return drawing
+                found.append((near, inside(both, there), inside(both, window)))
+            self._seams[tile] = found
+        return self._seams[tile]
 
     def _placed(self, sheet: Sheet[E]) -> Sheet[E]:
         """Return a sheet whose tiles are those where its anchor puts them."""

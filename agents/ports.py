@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from agents.geometry import Floats
 
@@ -59,6 +60,26 @@ class Odometry:
     """Why the drive ended early ("tether taut", "tipped"), or empty."""
 
 
+@dataclass(frozen=True)
+class Step:
+    """How far a robot was led, and what its sensor saw at the end of that."""
+
+    odometry: Odometry | None
+    """Since the step before; None: it stood."""
+    exposure: Exposure | None = None
+
+
+@dataclass(frozen=True)
+class Glance:
+    """A rectified pair of grey images, taken to see how the robot moves."""
+
+    pan_rad: float
+    tilt_rad: float
+    left: NDArray[np.uint8]
+    """(H, W)."""
+    right: NDArray[np.uint8]
+
+
 class Camera(Protocol):
     """A ranging camera on a pan/tilt arm; the arm keeps it level with gravity."""
 
@@ -67,11 +88,27 @@ class Camera(Protocol):
         ...
 
 
+class Eyes(Protocol):
+    """A pair of cameras on the same arm, whose images themselves are wanted."""
+
+    async def glance(self, pan_rad: float, tilt_rad: float) -> Glance:
+        """Point the arm, and take a pair at `sensor.stereo.glanced()`'s size."""
+        ...
+
+
 class Body(Protocol):
     """Wheels and wheel encoders (with whatever else measures motion)."""
 
     async def drive(self, turn_rad: float, forward_m: float) -> Odometry:
         """Turn on the spot, then drive straight; return what was measured of it."""
+        ...
+
+
+class Guide(Protocol):
+    """Whoever leads a robot that does not drive itself: a recording, or a person with a remote."""
+
+    async def step(self) -> Step | None:
+        """Wait for the next look, or for the end of a part of the way; None: nothing more comes."""
         ...
 
 
@@ -98,4 +135,7 @@ class Hardware:
 
     body: Body | None = None
     camera: Camera | None = None
+    eyes: Eyes | None = None
     winch: Winch | None = None
+    guide: Guide | None = None
+    """A robot that has one chooses no look and no way; it has neither body nor camera then."""

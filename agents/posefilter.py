@@ -118,6 +118,10 @@ class PoseFilter:
         own = checked_covariance(covariance, SIZE)
         self._grow(name, pose_numbers(pose), own, np.zeros((SIZE, len(self._state.mean))))
 
+    def forget(self, name: Remembered) -> None:
+        """Let go of a remembered pose; what it told of the others stays."""
+        self._forget(self._names.index(name))
+
     def doubt_slip(self, sigma: float) -> None:
         """Reckon with a share of every drive that slips, always the same, of this deviation.
 

@@ -19,13 +19,14 @@ from agents.fusion import compose, stand_of_seer
 from agents.geometry import Floats, Pose, wrap_angle
 from agents.layers import Mask
 from agents.localising import is_located, reference, take_in
-from agents.mapper import Mapper, NextLook
+from agents.mapper import Expected, Mapper, NextLook
 from agents.member import LEG_M, Member
 from agents.messages import Fix
 from agents.occupancy.mapper import OccupancyMapper
 from agents.planar.sense import PlanarSense
 from agents.ports import Exposure, Hardware, Sighting
 from agents.voxel.sense import VoxelSense
+from agents.waywatch import WayWatch
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""
@@ -58,6 +59,10 @@ class Robot(Member):
         self.plan: NextLook | None = None
         """The look that it is about to take."""
         self.trail = [(self.pose.x_m, self.pose.y_m)]
+        self.watch: WayWatch | None = None
+        """Sees how it moves, if it has the eyes for that."""
+        if hardware.eyes is not None and settings.sensor.stereo.odometry:
+            self.watch = WayWatch(hardware.eyes, settings.sensor, rng.spawn(1)[0], log.event)
 
     # --- look, localise, fuse -------------------------------------------------------------
 
@@ -65,8 +70,31 @@ class Robot(Member):
         """Look once at a heading (pan from ahead), and take in all that it shows."""
         camera = self.hardware.camera
         assert camera is not None
+        if self.watch is not None:
+            self.watch.tell_way()
         exposure = await camera.look(pan_rad, tilt_rad)
-        expected = await self.mapper.expect(pan_rad, tilt_rad)
+        await self._use(exposure, await self.mapper.expect(pan_rad, tilt_rad))
+
+    async def be_led(self) -> bool:
+        """Go a step along with the guide, and take in what it shows; return False at the end.
+
+        A look that was not chosen was not expected to show anything.
+        """
+        guide = self.hardware.guide
+        assert guide is not None
+        step = await guide.step()
+        if step is None:
+            return False
+        if step.odometry is not None:
+            self.filter.predict(step.odometry)
+            self._trace()
+        if step.exposure is not None:
+            nothing = np.zeros(self.settings.frame.shape, dtype=np.float32)
+            await self._use(step.exposure, Expected(0.0, nothing))
+        return True
+
+    async def _use(self, exposure: Exposure, expected: Expected) -> None:
+        """Localise and fuse by a look."""
         if exposure.ill:
             self.log.event("ill look", "; ".join(exposure.ill))
         self.localise(exposure)
@@ -211,13 +239,20 @@ class Robot(Member):
                 return False
 
     async def drive(self, turn_rad: float, forward_m: float) -> bool:
-        """Turn and drive; the pose follows the odometry. Return False where the body halted."""
+        """Turn and drive; the pose follows. Return False where the body halted."""
         body = self.hardware.body
         assert body is not None
+        if self.watch is not None:
+            await self.watch.begin(turn_rad, self.filter)
         odometry = await body.drive(turn_rad, forward_m)
         self.filter.predict(odometry)
-        self.trail.append((self.pose.x_m, self.pose.y_m))
-        del self.trail[:-TRAIL_POINTS]
+        if self.watch is not None:
+            await self.watch.end(odometry, self.filter)
+        self._trace()
         if odometry.halted:
             self.log.event("halted", odometry.halted)
         return not odometry.halted
+
+    def _trace(self) -> None:
+        self.trail.append((self.pose.x_m, self.pose.y_m))
+        del self.trail[:-TRAIL_POINTS]

@@ -43,6 +43,8 @@ TRIES = 40
 
 async def explore(robot: Robot) -> None:
     """Map: look, localise, fuse, share, plan, move (Fig. 2), until no look is worth taking."""
+    if robot.hardware.guide is not None:
+        return await follow(robot)
     await search(robot)
     robot.set_activity("exploring")
     for pan_rad, tilt_rad in robot.mapper.first_looks:
@@ -60,6 +62,16 @@ async def explore(robot: Robot) -> None:
     else:
         robot.log.event("looks spent", f"it may take no more than {most}")
     await watch(robot)
+
+
+async def follow(robot: Robot) -> None:
+    """Map what comes by on a way that somebody else chose, until nothing more comes."""
+    robot.set_activity("exploring")
+    while await robot.be_led():
+        pass
+    robot.log.event("explored", f"its guide had nothing more to show after {robot.looks} looks")
+    robot.set_activity("done")
+    robot.finished = True
 
 
 async def search(robot: Robot) -> None:

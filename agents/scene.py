@@ -236,7 +236,11 @@ class Scene:
             cost[self._within(x_m, y_m, radius_m)] = np.inf
         cost[self._trail() & np.isinf(cost)] = NEAR_COST
         for mate in view.others:
-            cost[self._within(mate.x_m, mate.y_m, 1.25 * drive.footprint_m)] = np.inf
+            # Two that stand beside each other may part: each may go where it comes no nearer.
+            apart_m = math.hypot(mate.x_m - view.pose.x_m, mate.y_m - view.pose.y_m)
+            kept_m = min(1.25 * drive.footprint_m, apart_m - 0.75 * view.frame.cell_m)
+            if kept_m > 0.0:
+                cost[self._within(mate.x_m, mate.y_m, kept_m)] = np.inf
         return cost
 
     def _trail(self) -> Bools:

@@ -11,6 +11,8 @@ import cv2
 import numpy as np
 
 from agents.geometry import Bools, Floats
+from comms import kernels
+from comms.kernels import kernel
 
 SURE = 4.0
 """Sigmas that a rock or a ledge must stand out to be believed: it bars half a footprint around."""
@@ -131,38 +133,52 @@ def roughness(
 
 
 def standing_out(surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float) -> Floats:
-    """Return the height (H, W), metres, of the rock or ledge at each cell; noise included."""
-    out = ledges(surface_m, wheel_m, footprint_m, cell_m)
-    for reach_m in (wheel_m, 0.5 * footprint_m):
-        np.maximum(out, rocks(surface_m, reach_m, cell_m), out=out)
-    return out
+    """Return the height (H, W), metres, of the rock or ledge at each cell; noise included.
 
-
-def rocks(surface_m: Floats, reach_m: float, cell_m: float) -> Floats:
-    """Return by how much (H, W), metres, a cell stands out of the ground `reach_m` around it.
-
-    The least over four directions of its height over the mean of the two cells so far off.
+    A ledge rises over one wheel by more than the slope over the footprint explains, in one of four
+    directions at least. A rock stands out of the mean of the two cells that lie so far off on both
+    sides, a wheel or half a footprint, in all of four directions. Borders go on beyond the grid.
     """
-    out = np.full(surface_m.shape, np.inf)
-    for dy, dx in _directions(reach_m / cell_m):
-        sides = _moved(surface_m, dy, dx) + _moved(surface_m, -dy, -dx)
-        np.minimum(out, surface_m - 0.5 * sides, out=out)
-    return out
-
-
-def ledges(surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float) -> Floats:
-    """Return the rise (H, W) over one wheel that the slope over the footprint leaves unexplained.
-
-    Metres, the largest of four directions.
-    """
+    surface_m = np.ascontiguousarray(surface_m, dtype=np.float64)
     near, far = _directions(0.5 * wheel_m / cell_m), _directions(0.5 * footprint_m / cell_m)
-    out = np.zeros_like(surface_m)
-    for (y1, x1), (y2, x2) in zip(near, far, strict=True):
-        rise = _moved(surface_m, y1, x1) - _moved(surface_m, -y1, -x1)
-        slope = _moved(surface_m, y2, x2) - _moved(surface_m, -y2, -x2)
-        share = math.hypot(y1, x1) / math.hypot(y2, x2)
-        np.maximum(out, np.abs(rise - share * slope), out=out)
+    reach = np.array([_directions(wheel_m / cell_m), far], dtype=np.int64)
+    out = np.empty_like(surface_m)
+    _stand_out(surface_m, np.array(near, dtype=np.int64), np.array(far, dtype=np.int64), reach, out)
     return out
+
+
+@kernel
+def _stand_out(
+    surface: np.ndarray, near: np.ndarray, far: np.ndarray, reach: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill `out` (H, W); `near`, `far` (4, 2) and `reach` (2, 4, 2) are steps in cells."""
+    height, width = surface.shape
+    share = np.empty(4)
+    for k in range(4):
+        share[k] = math.hypot(near[k, 0], near[k, 1]) / math.hypot(far[k, 0], far[k, 1])
+    for i in range(height):
+        for j in range(width):
+            most = 0.0
+            for k in range(4):
+                rise = _across(surface, i, j, near[k, 0], near[k, 1], -1.0)
+                slope = _across(surface, i, j, far[k, 0], far[k, 1], -1.0)
+                most = max(most, abs(rise - share[k] * slope))
+            for r in range(2):
+                least = np.inf
+                for k in range(4):
+                    sides = _across(surface, i, j, reach[r, k, 0], reach[r, k, 1], 1.0)
+                    least = min(least, surface[i, j] - 0.5 * sides)
+                most = max(most, least)
+            out[i, j] = most
+
+
+@kernel
+def _across(surface: np.ndarray, i: int, j: int, dy: int, dx: int, sign: float) -> float:
+    """Return the cell on one side of (i, j), plus `sign` times that on the other."""
+    height, width = surface.shape
+    ahead = surface[min(max(i + dy, 0), height - 1), min(max(j + dx, 0), width - 1)]
+    behind = surface[min(max(i - dy, 0), height - 1), min(max(j - dx, 0), width - 1)]
+    return ahead + sign * behind
 
 
 def _directions(length_cells: float) -> list[tuple[int, int]]:
@@ -172,9 +188,7 @@ def _directions(length_cells: float) -> list[tuple[int, int]]:
     return [(0, straight), (straight, 0), (slanted, slanted), (slanted, -slanted)]
 
 
-def _moved(values: Floats, dy: int, dx: int) -> Floats:
-    """Return for every cell the value dy rows north and dx columns east, borders repeated."""
-    height, width = values.shape
-    rows = np.clip(np.arange(height) + dy, 0, height - 1)
-    cols = np.clip(np.arange(width) + dx, 0, width - 1)
-    return values[np.ix_(rows, cols)]
+@kernels.warmer
+def warm() -> None:
+    """Compile the kernels of this module."""
+    standing_out(np.zeros((4, 4)), 0.2, 0.8, 0.1)

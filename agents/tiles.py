@@ -94,26 +94,41 @@ class TileGrid:
 
         With a margin of so many cells on each side, as far as the region goes.
         """
-        side = self.tile_cells
-        ahead = (n - first for n, first in zip(self.place(tile), self._corner, strict=True))
-        return tuple(
-            slice(max(0, n * side - margin), min((n + 1) * side + margin, cells))
-            for n, cells in zip(ahead, self.cells, strict=True)
-        )
+        known = self._windows.get((tile, margin))
+        if known is None:
+            side = self.tile_cells
+            ahead = (n - first for n, first in zip(self.place(tile), self._corner, strict=True))
+            known = self._windows[tile, margin] = tuple(
+                slice(max(0, n * side - margin), min((n + 1) * side + margin, cells))
+                for n, cells in zip(ahead, self.cells, strict=True)
+            )
+        return known
+
+    @cached_property
+    def _windows(self) -> dict[tuple[int, int], Window]:
+        """The windows that were asked for: maps are laid by them all the time."""
+        return {}
 
     def shape(self, tile: int) -> Shape:
         """Return how many cells a tile has along each axis."""
         return shape_of(self.window(tile))
 
-    def beside(self, tile: int) -> list[int]:
+    def beside(self, tile: int) -> tuple[int, ...]:
         """Return the tiles of the region that share an edge, or in space a face, with a tile."""
-        place = self.place(tile)
-        found: list[int] = []
-        for axis, tiles in enumerate(self.along):
-            for n in (place[axis] - 1, place[axis] + 1):
-                if 0 <= n < tiles:
-                    found.append(self.number((*place[:axis], n, *place[axis + 1 :])))
-        return [other for other in found if other in self._held]
+        known = self._beside.get(tile)
+        if known is None:
+            place = self.place(tile)
+            found: list[int] = []
+            for axis, tiles in enumerate(self.along):
+                for n in (place[axis] - 1, place[axis] + 1):
+                    if 0 <= n < tiles:
+                        found.append(self.number((*place[:axis], n, *place[axis + 1 :])))
+            known = self._beside[tile] = tuple(other for other in found if other in self._held)
+        return known
+
+    @cached_property
+    def _beside(self) -> dict[int, tuple[int, ...]]:
+        return {}
 
     def centre_m(self, tile: int) -> tuple[float, float]:
         """Return (x, y) of a tile's middle."""
@@ -126,7 +141,10 @@ class TileGrid:
 
     def _of(self, cells: Any) -> list[int]:
         """Return the tiles that hold some cells (N, axes) of the region."""
-        at = np.unique(cells // self.tile_cells, axis=0) + np.array(self._corner)
+        spans = tuple(-(-n // self.tile_cells) for n in self.cells)
+        flat = np.ravel_multi_index(tuple(np.transpose(cells // self.tile_cells)), spans)
+        found = np.flatnonzero(np.bincount(flat, minlength=math.prod(spans)))
+        at = np.transpose(np.unravel_index(found, spans)) + np.array(self._corner)
         return [self.number(tuple(int(n) for n in place)) for place in at]
 
 

@@ -48,6 +48,7 @@ TITLES = {
     "": "The scenario itself",
     "clock": "Clock",
     "robots.NAME": "One robot",
+    "robots.NAME.recording": "A recording in a robot's place",
     "links": "Links",
     "events": "Events",
     "world": "World",
@@ -83,7 +84,8 @@ def _tables(
     """Yield every table of a scenario file with its plain keys, by the table's name."""
     keys: dict[str, Any] = {}
     for key, entry in schema["properties"].items():
-        inner = entry.get("$ref") or entry.get("items", {}).get("$ref")
+        maybe = next((one for one in entry.get("anyOf", ()) if "$ref" in one), {})
+        inner = entry.get("$ref") or entry.get("items", {}).get("$ref") or maybe.get("$ref")
         path = f"{table}.{key}" if table else key
         if path in ("robots", "world.landmarks"):
             inner = next(iter(entry["patternProperties"].values()))["$ref"]
@@ -97,30 +99,30 @@ def _tables(
     yield table, keys
 
 
+INTROS = {
+    "": "At the top of the file, before any table.",
+    "robots.NAME": (
+        "`[robots.NAME]` for each robot. Or `[robots]` with `count = 3` (and `role`, which is"
+        " `explorer` if left out) for explorer-1, explorer-2, explorer-3."
+    ),
+    "robots.NAME.recording": (
+        "`[robots.NAME.recording]`: a log of a real robot, or of a run, [leads this"
+        " robot](recordings.md)."
+    ),
+    "world.landmarks.NAME": (
+        "`[world.landmarks.NAME]` for each: a thing of a robot's size that bears its fiducials,"
+        " and whose place everybody knows. Cameras on rough ground see it as they see a robot."
+    ),
+    "links": (
+        '`[links]` for all; the same keys in `[links.robots.NAME]` and `[links.pairs."A>B"]`.'
+        " What is left out is the radio's own."
+    ),
+    "events": "`[[events]]`, one for each. Beside `link` stand any keys of `[links]`.",
+}
+
+
 def _intro(table: str) -> list[str]:
-    if table == "":
-        return ["At the top of the file, before any table.", ""]
-    if table == "robots.NAME":
-        return [
-            "`[robots.NAME]` for each robot. Or `[robots]` with `count = 3` (and `role`, which is"
-            " `explorer` if left out) for explorer-1, explorer-2, explorer-3.",
-            "",
-        ]
-    if table == "world.landmarks.NAME":
-        return [
-            "`[world.landmarks.NAME]` for each: a thing of a robot's size that bears its fiducials,"
-            " and whose place everybody knows. Cameras on rough ground see it as they see a robot.",
-            "",
-        ]
-    if table == "links":
-        return [
-            '`[links]` for all; the same keys in `[links.robots.NAME]` and `[links.pairs."A>B"]`.'
-            " What is left out is the radio's own.",
-            "",
-        ]
-    if table == "events":
-        return ["`[[events]]`, one for each. Beside `link` stand any keys of `[links]`.", ""]
-    return [f"`[{table}]`", ""]
+    return [INTROS.get(table, f"`[{table}]`"), ""]
 
 
 def _rows(table: str, keys: dict[str, Any]) -> list[str]:

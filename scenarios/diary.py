@@ -29,8 +29,8 @@ TOPICS = frozenset((POSE, SEEN, TEAM_MAP, IMAGE))
 MAP_NOTES = 100
 """Notes of its map that a robot makes in a run that lasts to its limit."""
 JPEG_QUALITY = 80
-SEEN_POINTS = 1500
-"""Points of a look that are noted; a look of more is thinned."""
+SEEN_POINTS = 4000
+"""Points of a look that are noted; a look of more is thinned, evenly over the cells it fell on."""
 STEPS = {"elevation": 2.0**-10, "sigma": 2.0**-13, "log_odds": 2.0**-8}
 """What is noted of a map on the way is rounded to these: m, m, and log-odds."""
 
@@ -91,8 +91,7 @@ class Diary:
     def seen(self, t_ns: int, exposure: Exposure, points_m: Floats, believed: Pose) -> None:
         """Note what a look gave: its points (N, 3) in the levelled frame of a robot that stood."""
         if self._log is not None and len(points_m):
-            stride = -(-len(points_m) // SEEN_POINTS)
-            placed = believed.team_from_robot(points_m[::stride])
+            placed = thinned(believed.team_from_robot(points_m), self._frame.cell_m)
             data = zlib.compress(placed.astype("<f4").tobytes(), 1)
             self._log.keep(SEEN, _packed((exposure.pan_rad, exposure.tilt_rad, data)), t_ns)
 
@@ -123,6 +122,25 @@ class Diary:
         steps = np.diff(cells, prepend=0).astype("<i4")
         wire = (place, fresh, zlib.compress(_bytes_apart(steps), 1), told)
         self._log.keep(TEAM_MAP, _packed(wire), t_ns)
+
+
+def thinned(points_m: Floats, cell_m: float) -> Floats:
+    """Return at most `SEEN_POINTS` of points (N, 3), in their order.
+
+    One of each cell (seen from above) comes first, then the rest evenly: so a look that was thinned
+    still falls on all the cells that it fell on, unless these are too many.
+    """
+    if len(points_m) <= SEEN_POINTS:
+        return points_m
+    cells = np.floor(points_m[:, :2] / cell_m).astype(np.int64)
+    _, first = np.unique(cells, axis=0, return_index=True)
+    others = np.setdiff1d(np.arange(len(points_m)), first)
+    if len(first) >= SEEN_POINTS:
+        first, others = np.sort(first), others[:0]
+        first = first[np.arange(SEEN_POINTS) * len(first) // SEEN_POINTS]
+    room = SEEN_POINTS - len(first)
+    more = others[np.arange(min(room, len(others))) * len(others) // max(room, 1)]
+    return points_m[np.sort(np.concatenate((first, more)))]
 
 
 class NoteError(StudyError):

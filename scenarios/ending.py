@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.messages import unpack_anchor
 from scenarios.live import RobotNow
 from scenarios.record import EventRow, LookRow, MapRow, Row, TxRow
 from scenarios.schema import Scenario
@@ -96,6 +97,7 @@ class Actor:
             elevation_m=maps.get("elevation"),
             sigma_m=maps.get("sigma"),
             log_odds=maps.get("log_odds"),
+            moved=dict(unpack_anchor(packed) for packed in told["moved"]) if told else {},
         )
 
 

@@ -32,7 +32,8 @@ def place_files(tables: Tables, scenario: Path, changes: Sequence[Override]) -> 
             continue  # none, or for the schema to refuse
         option = options.get(path)
         try:
-            found = _found(value, scenario, from_here=option is not None)
+            is_bag = "recording" in path
+            found = _found(value, scenario, from_here=option is not None, or_folder=is_bag)
             if path[-1] == "trace_file":
                 read_trace(found)
         except (FileNotFoundError, TraceError) as error:
@@ -53,6 +54,8 @@ def _places(tables: Tables) -> Iterator[tuple[str, ...]]:
     for group in ("robots", "pairs"):
         for name in _table(tables, ("links", group)):
             yield ("links", group, name, "trace_file")
+    for name in _table(tables, ("robots",)):
+        yield ("robots", name, "recording", "file")
     events = tables.get("events")
     for index in range(len(cast("list[Any]", events)) if isinstance(events, list) else 0):
         yield ("events", str(index), "trace_file")
@@ -69,12 +72,13 @@ def _table(tables: Tables, path: Sequence[str]) -> Tables:
     return cast("Tables", node) if isinstance(node, dict) else {}
 
 
-def _found(file: str, scenario: Path, *, from_here: bool) -> str:
+def _found(file: str, scenario: Path, *, from_here: bool, or_folder: bool = False) -> str:
     folders = [scenario.parent.absolute(), Path.cwd()]
     if from_here:
         folders.reverse()
     for folder in folders:
-        if (folder / file).is_file():
-            return os.path.normpath(folder / file)
+        place = folder / file
+        if place.is_file() or (or_folder and place.is_dir()):
+            return os.path.normpath(place)
     places = " and ".join(dict.fromkeys(str(folder) for folder in folders))
     raise FileNotFoundError(f"no such file (from {places})")

@@ -15,9 +15,12 @@ import numpy as np
 from agents.disk import Disk, DiskError
 from agents.files import LocalFiles
 from agents.geometry import Pose
+from agents.layers import Anchor
+from agents.messages import pack_anchor
 from agents.ports import Exposure
 from agents.robot import Robot
 from agents.roles import ROLES
+from agents.store import AnchorKey
 from comms.air import Packet
 from comms.timebase import NS, from_s, sleep_until_ns, to_s
 from scenarios.diary import MAP_NOTES, Diary, PoseNote
@@ -281,9 +284,18 @@ class Host:
             "lags_s": [lag / speed for lag in self.air.lags_s],
             "maps": {name: values.astype(np.float32).tobytes() for name, values in grids.items()},
             "shape": list(next(iter(grids.values())).shape),
+            "moved": [pack_anchor(key, anchor) for key, anchor in self._moved_anchors()],
         }
         self.notebook.close()
         return report
+
+    def _moved_anchors(self) -> list[tuple[AnchorKey, Anchor]]:
+        """Return what its map lies by that lies elsewhere than it was drawn."""
+        robot = self.robot
+        anchors = dict(robot.store.anchors)
+        for index, submap in enumerate(robot.own.submaps):
+            anchors[AnchorKey(*robot.me, index)] = submap.anchor
+        return [(key, anchors[key]) for key in sorted(anchors) if anchors[key].is_moved]
 
     def cancel(self) -> None:
         """Take all of the robot's program off a loop that others go on using."""

@@ -13,6 +13,7 @@ from agents.stereo.eyes import Seen
 from agents.voxel.rays import ray_directions
 from scenarios.dice import dice
 from scenarios.hostradio import lookahead_ns
+from scenarios.recordings import drive_of, recorded
 from scenarios.schema import Scenario
 from scenarios.wire import Plan
 from sim.motion import Motions, Segment
@@ -48,6 +49,7 @@ def rig_of(
         {mate: robot.role for mate, robot in scenario.robots.items()},
         terrain=plan.terrain,
         landmarks=plan.landmarks,
+        meshes={n: m.mesh for n, m in scenario.world.landmarks.items() if m.mesh},
         motions=motions,
         publish=publish,
         delay_ns=lookahead_ns(scenario),
@@ -61,6 +63,7 @@ def rig_of(
         camera_rng=dice(scenario, name, "camera", life),
         light=scenario.world.light,
         ground_salt=scenario.seed,
+        led=recorded(scenario, name, plan.starts[name]),
         kept=kept,
     )
 
@@ -82,7 +85,7 @@ def told(plan: Plan) -> AgentSettings:
         method=scenario.method,
         map=scenario.map.model_copy(update={"cell_m": frame.cell_m}),
         sensor=scenario.sensor,
-        drive=scenario.drive,
+        drive=drive_of(scenario, plan.name),
         planner=scenario.planner,
         sharing=scenario.sharing,
         tether=scenario.tether,

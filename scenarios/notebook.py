@@ -1,8 +1,10 @@
 """A robot's notebook: rows for the runner's tables, and the robot's own MCAP log."""
 
+import contextlib
+import io
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -26,13 +28,31 @@ class LogFile:
 
     def __init__(self, path: Path) -> None:
         """Create the file."""
-        self._stream = path.open("wb", buffering=1 << 16)
+        self._raw = path.open("wb", buffering=0)
+        self._stream = io.BufferedWriter(self._raw, 1 << 16)
         self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
-        self._writer.start(profile="", library="ropeteam")
         self._channels: dict[str, int] = {}
+        self.refusal = ""
+        """What the disk said when it took no more; the log ends there, and the robot goes on."""
+        with self._trying():
+            self._writer.start(profile="", library="ropeteam")
+
+    @contextlib.contextmanager
+    def _trying(self) -> Generator[None]:
+        try:
+            yield
+        except OSError as error:
+            self.refusal = error.strerror or str(error)
+            self._raw.close()  # with what it could not take: nothing is tried again
 
     def add(self, row: Row, t_ns: int) -> None:
         """Write a row as JSON under its topic."""
+        if self.refusal:
+            return
+        with self._trying():
+            self._add(row, t_ns)
+
+    def _add(self, row: Row, t_ns: int) -> None:
         topic = TOPICS[type(row)]
         if topic not in self._channels:
             schema = self._writer.register_schema(
@@ -44,22 +64,31 @@ class LogFile:
 
     def keep(self, topic: str, data: bytes, t_ns: int) -> None:
         """Write MessagePack under a topic of its own."""
-        if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(topic, "msgpack", 0)
-        self._writer.add_message(self._channels[topic], t_ns, data, t_ns)
+        if self.refusal:
+            return
+        with self._trying():
+            if topic not in self._channels:
+                self._channels[topic] = self._writer.register_channel(topic, "msgpack", 0)
+            self._writer.add_message(self._channels[topic], t_ns, data, t_ns)
 
     def flush(self) -> None:
         """Hand what was written to the operating system."""
-        self._stream.flush()
+        if not self.refusal:
+            with self._trying():
+                self._stream.flush()
 
     def close(self) -> None:
         """End the file in order."""
-        self._writer.finish()
-        self._stream.close()
+        if not self.refusal:
+            with self._trying():
+                self._writer.finish()
+                self._stream.close()
 
     def abandon(self) -> None:
         """Leave the file as a killed process leaves it, if it was not closed."""
-        self._stream.close()
+        if not self.refusal:
+            with self._trying():
+                self._stream.close()
 
 
 def _finite(row: dict[str, object]) -> dict[str, object]:
@@ -85,6 +114,10 @@ class Notebook:
         self.rows.append(to_wire(row))
         if self.log is not None:
             self.log.add(row, t_ns)
+            if self.log.refusal:
+                told = f"its log ends here: {self.log.refusal}"
+                self.log = None
+                self.rows.append(to_wire(EventRow(to_s(t_ns), self.name, "disk", told)))
 
     def on_tx(
         self,

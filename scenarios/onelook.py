@@ -17,7 +17,10 @@ import numpy as np
 from agents.geometry import Floats, Pose
 from agents.stereo.calibration import Calibration
 from agents.stereo.eyes import Seen, calibration_of
+from agents.stereo.fiducials import choose
+from agents.stereo.noise import noise_by_level
 from agents.stereo.tags import corners
+from agents.waywatch import Seen as Leg
 from comms.timebase import from_s
 from scenarios.errors import UsageError
 from scenarios.experiments.figure import save_figure
@@ -34,6 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TAG_COLOUR = "#ffe34d"
+FIDUCIALS = 60
 POINTS = 20_000
 """At most so many are drawn."""
 
@@ -49,6 +53,8 @@ class OneLook:
     seen: Seen
     pose: Pose
     """The true one, in the world's frame."""
+    leg: Leg | None
+    """The last leg that it watched before the look."""
     calibration: Calibration
 
 
@@ -96,7 +102,7 @@ class _Keeper:
     """Counts a camera's looks, and keeps one."""
 
     def __init__(self, number: int) -> None:
-        self.kept: tuple[Shot, Seen, Pose] | None = None
+        self.kept: tuple[Shot, Seen, Pose, Leg | None] | None = None
         self._number = number
         self._count = 0
 
@@ -111,7 +117,9 @@ class _Keeper:
         """Note a look."""
         self._count += 1
         if self._count == self._number:
-            self.kept = (shot, seen, self._host.true_pose(from_s(seen.exposure.t_s)))
+            watch = self._host.robot.watch
+            leg = None if watch is None else watch.seen
+            self.kept = (shot, seen, self._host.true_pose(from_s(seen.exposure.t_s)), leg)
 
 
 def save_picture(look: OneLook, path: Path) -> None:
@@ -125,17 +133,50 @@ def save_picture(look: OneLook, path: Path) -> None:
 
 
 def _draw(figure: "Figure", look: OneLook) -> None:
-    figure.set_size_inches(15, 11)
+    figure.set_size_inches(15, 16.5)
     exposure = look.seen.exposure
     figure.suptitle(
         f"{look.robot}, look {look.number}, at {exposure.t_s:.1f} s",
         x=0.012, ha="left", fontsize=16, fontweight="bold",
     )  # fmt: skip
-    (image, disparity), (above, error) = figure.subplots(2, 2)
+    (image, disparity), (above, error), (spots, tracks) = figure.subplots(3, 2)
     _draw_image(image, look)
     _draw_disparity(disparity, look)
     _draw_points(above, look)
     _draw_error(error, look)
+    _draw_spots(spots, look)
+    _draw_tracks(tracks, look.leg)
+
+
+def _draw_spots(axes: "Axes", look: OneLook) -> None:
+    """Draw the fiducials that Eqs. 17 and 18 choose in this look, the better the larger."""
+    left, right = look.shot.left, look.shot.right
+    found = choose(left, look.seen.matched, FIDUCIALS, noise_by_level(left, right))
+    axes.set_title(f"The {len(found.pixels)} best fiducials of {found.proposed} proposed")
+    axes.imshow(left, cmap="gray", vmin=0, vmax=255)
+    size = 20 + 60 * found.terms.sum(axis=1)
+    axes.scatter(*found.pixels.T, s=size, facecolors="none", edgecolors=TAG_COLOUR)
+    axes.set_axis_off()
+
+
+def _draw_tracks(axes: "Axes", leg: Leg | None) -> None:
+    """Draw how fiducials went through the image on the last leg before the look."""
+    axes.set_axis_off()
+    if leg is None:
+        axes.set_title("No leg was watched before this look")
+        return
+    step = leg.step
+    followed = np.isfinite(step.after_px[:, 0])
+    axes.set_title(
+        f"Last leg before: {len(followed)} fiducials, {followed.sum()} followed,"
+        f" {step.inliers.sum()} agree{': ' + step.reason if step.reason else ''}"
+    )
+    axes.imshow(leg.after.left, cmap="gray", vmin=0, vmax=255)
+    for kind, colour in ((step.inliers, TAG_COLOUR), (followed & ~step.inliers, "#d55e00")):
+        for one, other in zip(step.before_px[kind], step.after_px[kind], strict=True):
+            axes.plot([one[0], other[0]], [one[1], other[1]], color=colour, lw=1)
+        axes.plot(*step.before_px[kind].T, "s", color=colour, ms=4, mfc="none")
+        axes.plot(*step.after_px[kind].T, "o", color=colour, ms=4)
 
 
 def _draw_image(axes: "Axes", look: OneLook) -> None:

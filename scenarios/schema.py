@@ -32,7 +32,7 @@ from scenarios.files import place_files
 from scenarios.overrides import Override, apply_overrides, parse_override
 from scenarios.problems import Conflict, plain, refuse, sentences
 from scenarios.shelf import find, read
-from sim.settings import WorldSettings
+from sim.settings import RecordingSettings, WorldSettings
 
 MAX_ROBOTS = 64
 """The largest team that the runner was tried with."""
@@ -65,6 +65,8 @@ class RobotSettings(Settings):
     nobody takes in its map before."""
     join_s: Annotated[float, Field(ge=0)] | None = None
     """When it starts; left out: with the others."""
+    recording: RecordingSettings | None = None
+    """Left out: it drives itself."""
 
 
 class Scenario(Settings):
@@ -106,6 +108,7 @@ class Scenario(Settings):
             _check_choices,
             _check_map,
             _check_places,
+            _check_recordings,
         )
         refuse([conflict for check in checks for conflict in check(self)])
         joins_s = {name: robot.join_s or 0.0 for name, robot in self.robots.items()}
@@ -258,6 +261,25 @@ def _check_places(scenario: Scenario) -> list[Conflict]:
         elif name == mappers[0]:
             sentence = "is the team's origin: by definition it knows where it starts"
             conflicts.append(Conflict(key, False, sentence))
+    return conflicts
+
+
+def _check_recordings(scenario: Scenario) -> list[Conflict]:
+    """Refuse recordings for robots that need more of a body, or maps that need other looks."""
+    conflicts: list[Conflict] = []
+    for name, robot in scenario.robots.items():
+        if robot.recording is None:
+            continue
+        key = f"robots.{name}.recording"
+        if robot.role not in MAPPERS:
+            sentence = f"only {' and '.join(MAPPERS)} can follow a recording"
+            conflicts.append(Conflict(key, robot.role, sentence))
+        if scenario.map.kind != "elevation":
+            sentence = 'a recording can be mapped on map.kind = "elevation" only'
+            conflicts.append(Conflict(key, scenario.map.kind, sentence))
+        if not robot.start_known:
+            sentence = "a recording tells where the robot is: must be true"
+            conflicts.append(Conflict(f"robots.{name}.start_known", False, sentence))
     return conflicts
 
 

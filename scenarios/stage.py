@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from agents.geometry import Bools, Floats, Pose
+from agents.stereo.shape import ShapeError, shape_of
 from agents.voxel.ground import Build
 from scenarios.dice import dice
 from scenarios.planarscore import PlanarTruth, VoxelTruth
+from scenarios.recordings import recorded
 from scenarios.schema import MAPPERS, Scenario
 from scenarios.summary import Truth
 from sim.camera import observable_cells, reachable_positions
@@ -18,6 +20,7 @@ from sim.errors import WorldError
 from sim.ground import Footing, Terrain
 from sim.planar import place_explorers, stands_free
 from sim.planar_world import PlanarWorld, load_map, made_up, observable
+from sim.recorded import Recording
 from sim.settings import LandmarkSettings
 from sim.terrain import descent_goal, make_terrain, place_team
 from sim.voxel import world as space
@@ -67,6 +70,9 @@ class Stage:
             places = reachable_positions(
                 terrain, start, drive.max_slope_deg, drive.footprint_m, LATTICE_M
             )
+            led = recorded(scenario, name, self.starts[name])
+            if led is not None:
+                places = led.recording.places_m(LATTICE_M)
             if any(len(p) == len(places) and np.array_equal(p[1:], places[1:]) for p in done):
                 places = places[:1]  # the same ground as another's, but for the start
             done.append(places)
@@ -103,6 +109,10 @@ def _ground(scenario: Scenario) -> Stage:
         if robot.start is not None:
             x_m, y_m, yaw_deg = robot.start
             starts[name] = _standing(terrain, x_m, y_m, math.radians(yaw_deg), footprint_m)
+    for name in scenario.robots:
+        led = recorded(scenario, name, starts[name] if scenario.robots[name].start else None)
+        if led is not None:
+            starts[name] = _led(led.recording, terrain, name)
     cliffbots = [name for name, robot in scenario.robots.items() if robot.role == "cliffbot"]
     goal = descent_goal(terrain, starts[cliffbots[0]], footprint_m) if cliffbots else None
     landmarks = {
@@ -112,8 +122,32 @@ def _ground(scenario: Scenario) -> Stage:
     return Stage(whole, terrain, starts, goal, landmarks)
 
 
+def _led(recording: Recording, terrain: Terrain, name: str) -> Pose:
+    """Return where a recording begins.
+
+    Raises:
+        WorldError: no look of it was taken inside the window.
+
+    """
+    west, east, south, north = terrain.frame.extent_m
+    poses = [take.pose for take in recording.takes]
+    if not any(west <= p.x_m <= east and south <= p.y_m <= north for p in poses):
+        x_m, y_m = poses[0].x_m, poses[0].y_m
+        raise WorldError(
+            f"the recording of {name} has its first look at x {x_m:g}, y {y_m:g} m, and none inside"
+            f" the window, from x {west:g} to {east:g} and from y {south:g} to {north:g} m; say"
+            f" where it begins by robots.{name}.start"
+        )
+    return recording.pose_at(0)
+
+
 def _landmark(terrain: Terrain, mark: LandmarkSettings, footprint_m: float) -> Pose:
     yaw_rad = math.radians(mark.yaw_deg)
+    if mark.mesh:
+        try:
+            shape_of(mark.mesh)
+        except ShapeError as error:
+            raise WorldError(f"world.landmarks mesh: {error}") from error
     if mark.z_m is not None:
         return Pose(mark.x_m, mark.y_m, mark.z_m, yaw_rad)
     return _standing(terrain, mark.x_m, mark.y_m, yaw_rad, footprint_m)

@@ -7,7 +7,7 @@ byte for byte, for the same scenario and seed.
 import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, cast
@@ -15,6 +15,8 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from agents.geometry import Bools, Floats, Singles
+from agents.layers import Anchor
+from agents.store import AnchorKey
 from scenarios.planarscore import PlanarTruth, score_floor, union_floor
 from scenarios.record import Records, write_atomic
 from scenarios.schema import Scenario
@@ -55,6 +57,8 @@ class RobotFinal:
     """Of the newest versions in its replicated store."""
     hazards_hit: int = 0
     """Rocks and steps that it came onto, or walls that it ran into."""
+    moved: Mapping[AnchorKey, Anchor] = field(default_factory=dict[AnchorKey, Anchor])
+    """Submaps that lie elsewhere in its map than they were drawn."""
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,12 @@ class PlanarWorld:
     """The free cell nearest to the middle of the largest region that a robot can move in."""
 
 
-def _start(solid: Bools, frame: GridFrame, footprint_m: float) -> tuple[int, int]:
+def start_of(solid: Bools, frame: GridFrame, footprint_m: float) -> tuple[int, int]:
+    """Return the free cell nearest to the middle of the largest region that a robot can move in.
+
+    Raises:
+        WorldError: it has no room anywhere.
+    """
     clear = standable(solid, frame.cell_m, footprint_m)
     if not clear.any():
         raise WorldError(f"the world has no room for a robot of {footprint_m} m footprint")
@@ -86,7 +91,7 @@ def made_up(
         solid[middle] = 0
     frame = GridFrame(0.0, 0.0, cell_m, cells, cells)
     walls = solid.astype(np.bool_)
-    return PlanarWorld(frame, walls, _start(walls, frame, footprint_m))
+    return PlanarWorld(frame, walls, start_of(walls, frame, footprint_m))
 
 
 def _block(
@@ -130,7 +135,7 @@ def load_map(path: Path, *, cell_m: float = 0.4, footprint_m: float = 0.4) -> Pl
         raise WorldError(f"{path}: its image is smaller than one cell of {cell_m} m")
     frame = GridFrame(*_origin(path, told["origin"]), cell_m, rows, cols)
     solid = means < FREE
-    return PlanarWorld(frame, solid, _start(solid, frame, footprint_m))
+    return PlanarWorld(frame, solid, start_of(solid, frame, footprint_m))
 
 
 def _yaml(path: Path) -> dict[str, str]:

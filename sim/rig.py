@@ -17,8 +17,10 @@ from sim.motion import Motions, Segment
 from sim.occupancy import OccupancyBody, RangeCamera, Tread
 from sim.planar import PlanarTread
 from sim.planar_world import PlanarWorld
+from sim.recorded import Led, RecordedGuide
 from sim.rover import RoverBody
 from sim.sensors import SENSORS, Mount
+from sim.stereo.camera import StereoCamera
 from sim.stereo.settings import LightSettings
 from sim.stereo.shoot import Shot
 from sim.tethered import TetheredBody
@@ -63,13 +65,17 @@ def make_rig(
     light: LightSettings,
     ground_salt: int,
     kept: Callable[[Shot, Seen], None] = lambda _shot, _seen: None,
+    led: Led | None = None,
+    meshes: Mapping[str, str] | None = None,
 ) -> Rig:
     """Build the hardware that a robot's role has.
 
     `motions` is this process's knowledge of everybody, own motion included; `publish` adds to it
     and tells the others. `landmarks` stand in the world and are seen like team-mates. `tether_m`
     is what is out of an Anchor-bot's drum, None at the start. `light` and `ground_salt`, which
-    names the ground's pattern, are for cameras that see images; `kept` is given what these saw.
+    names the ground's pattern, are for cameras that see images; `kept` is given what these saw,
+    and `meshes` are the models of landmarks that they know by their shape.
+    Who is `led` has a guide instead of body and camera.
     """
     role = roles[name]
 
@@ -100,11 +106,15 @@ def make_rig(
             name, tether, lambda _: start, publish, length_m=tether_m, start_ns=start_ns
         )
         return Rig(Hardware(winch=winch), delay_ns, lambda: 0)
+    if led is not None:
+        guide = RecordedGuide(name, led, sensor, drive, publish, start=start, start_ns=start_ns)
+        return Rig(Hardware(guide=guide), delay_ns, lambda: 0)
     rover = RoverBody(name, terrain, drive, start, publish, body_rng, start_ns=start_ns)
     mount = Mount(
         name=name,
         roles=roles,
         landmarks=tuple(landmarks),
+        meshes=meshes or {},
         terrain=terrain,
         sensor=sensor,
         pose_now=rover.pose_now,
@@ -116,7 +126,9 @@ def make_rig(
         kept=kept,
     )
     camera = SENSORS.find(sensor.kind)(mount)
-    return Rig(Hardware(body=rover, camera=camera), delay_ns, lambda: rover.hazards_hit)
+    eyes = camera if isinstance(camera, StereoCamera) else None
+    hardware = Hardware(body=rover, camera=camera, eyes=eyes)
+    return Rig(hardware, delay_ns, lambda: rover.hazards_hit)
 
 
 def _among_cells(

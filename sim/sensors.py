@@ -29,6 +29,8 @@ class Mount:
     """Of the whole team, by name."""
     landmarks: tuple[str, ...]
     """Names of what stands there like a robot without a mast."""
+    meshes: Mapping[str, str]
+    """Models of those landmarks that are known by their shape instead, by name."""
     terrain: Terrain
     sensor: SensorSettings
     pose_now: Callable[[], Pose]
@@ -55,7 +57,9 @@ def _stereo(mount: Mount) -> Camera:
     mast_m = mount.sensor.height_m
     masts_m = {mate: mast_m if r in MAPPERS else 0.0 for mate, r in mount.roles.items()}
     masts_m |= dict.fromkeys(mount.landmarks, 0.0)
-    stage = make_stage(mount.terrain, masts_m, salt=mount.ground_salt, light=mount.light)
+    stage = make_stage(
+        mount.terrain, masts_m, salt=mount.ground_salt, light=mount.light, meshes=mount.meshes
+    )
     return StereoCamera(
         mount.name, stage, mount.sensor, mount.pose_now, mount.others, mount.rng, kept=mount.kept
     )

@@ -99,8 +99,39 @@ class TerrainSettings(Settings):
         return self
 
 
+Topic = Annotated[str, Field(pattern=r"^(/?[A-Za-z][A-Za-z0-9_]*)+$")]
+
+
+class RecordingSettings(Settings):
+    """A recording that stands in for a robot's body and sensor, on elevation maps."""
+
+    file: Annotated[str, Field(min_length=1)]
+    """An MCAP file in the ROS 2 profile, a bag's .db3, or a bag's folder."""
+    clouds: Topic | None = None
+    """Topic of its point clouds; left out: the only one that there is."""
+    images: Annotated[tuple[Topic, Topic] | None, Field(strict=False)] = None
+    """Topics of rectified images, left and right, to be matched instead of clouds; their
+    `camera_info` stands beside them."""
+    poses: Topic | None = None
+    """Topic of its poses (Odometry, PoseStamped, PoseWithCovarianceStamped); left out: the
+    transforms tell where `base` is."""
+    base: str = "base_link"
+    """Frame of the robot, at its ground contact, where the poses name none."""
+    every_s: NotNegative = 1.0
+    """Looks that came sooner than this after the one before are left out."""
+    drift: NotNegative = 1.0
+    """How unsure its poses are of the way from one to another, as a share of what `drive` says of
+    wheels; 0: they do not drift at all."""
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if self.clouds is not None and self.images is not None:
+            raise ValueError("clouds and images are two kinds of looks: only one may be given")
+        return self
+
+
 class LandmarkSettings(Settings):
-    """A thing of a robot's size that bears its fiducials, and whose place everybody knows."""
+    """A thing whose place everybody knows: of a robot's size with its fiducials, or of a shape."""
 
     x_m: float
     y_m: float
@@ -108,6 +139,9 @@ class LandmarkSettings(Settings):
     """Height of its foot; left out: it stands on the ground."""
     yaw_deg: float = 0.0
     """Which way it faces, counter-clockwise from east."""
+    mesh: str = ""
+    """What stereo eyes know it by: `lander`, `solar-panel` or a CAD file (.stl, .obj, .ply, .off,
+    .glb; metres, z up), matched to what they measure. Left out: a robot's fiducials."""
 
 
 class WorldSettings(Settings):

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from agents.files import Files
-from agents.ports import Body, Camera, Exposure, Hardware, Odometry
+from agents.ports import Body, Camera, Exposure, Guide, Hardware, Odometry, Step
 from comms.timebase import now_ns
 
 TroubleKind = Literal["blind", "stuck", "full", "slow"]
@@ -65,9 +65,26 @@ class FailingCamera:
     async def look(self, pan_rad: float, tilt_rad: float) -> Exposure:
         """Expose once; where the camera is blind by then, nothing is on it."""
         exposure = await self._camera.look(pan_rad, tilt_rad)
-        if not self._troubles.has("blind", now_ns()):
-            return exposure
-        return replace(exposure, points_m=np.zeros((0, 3)), sigma_m=np.zeros(0), sightings=())
+        return _black(exposure) if self._troubles.has("blind", now_ns()) else exposure
+
+
+class FailingGuide:
+    """`agents.ports.Guide` of a robot whose sensor may be blind."""
+
+    def __init__(self, guide: Guide, troubles: Troubles) -> None:
+        """Follow another guide."""
+        self._guide, self._troubles = guide, troubles
+
+    async def step(self) -> Step | None:
+        """Go one look on; where the sensor is blind by then, nothing is in it."""
+        step = await self._guide.step()
+        if step is None or step.exposure is None or not self._troubles.has("blind", now_ns()):
+            return step
+        return replace(step, exposure=_black(step.exposure))
+
+
+def _black(exposure: Exposure) -> Exposure:
+    return replace(exposure, points_m=np.zeros((0, 3)), sigma_m=np.zeros(0), sightings=())
 
 
 class FailingBody:
@@ -87,11 +104,12 @@ class FailingBody:
 
 def failing(hardware: Hardware, troubles: Troubles) -> Hardware:
     """Return hardware that fails when its robot's troubles say so."""
-    body, camera = hardware.body, hardware.camera
+    body, camera, guide = hardware.body, hardware.camera, hardware.guide
     return replace(
         hardware,
         body=None if body is None else FailingBody(body, troubles),
         camera=None if camera is None else FailingCamera(camera, troubles),
+        guide=None if guide is None else FailingGuide(guide, troubles),
     )
 
 

@@ -115,7 +115,7 @@ def worth(name: str) -> tuple[float, np.ndarray, float]:
     """Return NI of the corridor looked along, p of its cells and N."""
     scene = scene_of(view_of(CORRIDOR, (0, 0)))
     method = planar.method(name, MEANS)
-    assert isinstance(method, methods._Paper)  # pyright: ignore[reportPrivateUsage]
+    assert isinstance(method, methods._Rated)  # pyright: ignore[reportPrivateUsage]
     found = method._worth(scene, np.array([[0, 0]]), EAST)  # pyright: ignore[reportPrivateUsage]
     reach = SENSOR.range_m / CELL_M
     most = 0.5 * math.radians(SENSOR.fov_deg) * reach * reach + 4 * reach

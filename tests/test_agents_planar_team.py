@@ -2,12 +2,14 @@
 
 import itertools
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from planar_helpers import (
+    CELL_M,
     MEANS,
     PLANNER,
     SURE,
@@ -20,9 +22,21 @@ from planar_helpers import (
 
 from agents import planar
 from agents.geometry import Pose
-from agents.planar.hazard import PRIOR_CELLS, PRIOR_LOOKS, PRIOR_PERCENT, PRIOR_RATE, Hazard
-from agents.planar.looksets import COARSE, look_sets
-from agents.planar.sites import LOOK_WORTH_M, Sites, rates, survey
+from agents.planar.casting import onward
+from agents.planar.hazard import (
+    FAR_OFF,
+    PRIOR_CELLS,
+    PRIOR_SHARE,
+    SIZES,
+    Hazard,
+    network,
+    packed,
+    unpacked,
+)
+from agents.planar.looksets import COARSE, look_sets, sectors
+from agents.planar.prospects import SECTORS, Prospects
+from agents.planar.routes import Prices, Router, Stop
+from agents.planar.surroundings import RUN_CELLS, surroundings
 from agents.planar.view import PlanarLook
 
 OURS = "team-information"
@@ -44,9 +58,38 @@ def chosen(
 # --- where rays end in the unknown ------------------------------------------------------------
 
 
-def test_before_anything_is_seen_the_prior_holds() -> None:
+def test_what_lies_about_a_cell_by_hand() -> None:
+    log_odds = log_odds_of("""
+        ??????
+        ??????
+        ?..?##
+        ??????
+    """)
+    numbers = surroundings(log_odds, np.array([[1, 3]]), view_of(log_odds, (1, 1)).frame)[0]
+    solid, free, run = numbers[:8], numbers[8:16], numbers[16:24]
+    assert solid.tolist() == [1.0, 0, 0, 0, 0, 0, 0, 0], "to the east, at once"
+    assert run[0] == pytest.approx(1 / RUN_CELLS), "and one more beyond"
+    assert free.tolist() == [0, 0, 0, 0, 1.0, 0, 0, 0], "to the west"
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None)
+def test_surroundings_turn_with_the_map(seed: int) -> None:
+    log_odds = np.random.default_rng(seed).choice([-SURE, 0.0, SURE], size=(9, 9))
+    log_odds[4, 4] = 0.0
+    frame, cell = view_of(log_odds, (4, 4)).frame, np.array([[4, 4]])
+    there = surroundings(log_odds, cell, frame)[0]
+    # A quarter turn to the left, row 0 south: what was east is north, two directions on.
+    turned = surroundings(np.rot90(log_odds, -1), cell, frame)[0]
+    for kind in range(3):
+        part = slice(8 * kind, 8 * kind + 8)
+        assert turned[part] == pytest.approx(np.roll(there[part], 2))
+    assert turned[24:] == pytest.approx(there[24:])
+
+
+def test_before_anything_is_seen_all_cells_are_alike() -> None:
     p = Hazard().take(view_of(np.zeros((30, 30)), (15, 15)))
-    assert p == pytest.approx(np.full((30, 30), PRIOR_PERCENT[-1, -1] / 100))
+    assert p == pytest.approx(np.full((30, 30), 1 / (1 + math.exp(-FAR_OFF))))
 
 
 def test_beside_a_wall_the_wall_goes_on_and_in_the_open_it_does_not() -> None:
@@ -55,28 +98,34 @@ def test_beside_a_wall_the_wall_goes_on_and_in_the_open_it_does_not() -> None:
     log_odds[10, :20] = SURE
     p = Hazard().take(view_of(log_odds, (5, 5)))
     assert p[10, 20] > 0.4
-    assert 0 < p[10, 50] < 0.1
+    assert 0 < p[10, 50] < 0.2
 
 
-def test_what_is_measured_is_counted_upon_the_prior_by_hand() -> None:
+def test_a_gap_between_two_ends_of_a_wall_is_wall() -> None:
+    log_odds = np.zeros((30, 60))
+    log_odds[:10] = -SURE
+    log_odds[10] = SURE
+    log_odds[10, 30] = 0.0
+    assert Hazard().take(view_of(log_odds, (5, 5)))[10, 30] > 0.8
+
+
+def test_guesses_move_to_what_was_found_by_hand() -> None:
     hazard, blank = Hazard(), np.zeros((20, 20))
     hazard.take(view_of(blank, (10, 10)))
     seen = blank.copy()
     seen[:5] = SURE
     after = hazard.take(view_of(seen, (10, 10)))
-    # 100 cells of the last bin were reached, all of them solid.
-    rate = (100 + PRIOR_RATE * PRIOR_LOOKS) / (100 + PRIOR_LOOKS)
 
     def logit(p: float) -> float:
         return math.log(p / (1 - p))
 
-    def moved(p: float) -> float:
-        return 1 / (1 + math.exp(-(logit(p) + logit(rate) - logit(PRIOR_RATE))))
-
-    beside = moved(PRIOR_PERCENT[0, -1] / 100)  # 0.5 m from solid, nothing free anywhere
-    assert after[5, 0] == pytest.approx(beside)
-    far = (100 + PRIOR_CELLS * moved(PRIOR_PERCENT[-1, -1] / 100)) / (100 + PRIOR_CELLS)
-    assert float(hazard._probabilities()[-1]) == pytest.approx(far)  # pyright: ignore[reportPrivateUsage]
+    # 100 cells, guessed alike, and all of them solid.
+    guessed, total = 1 / (1 + math.exp(-FAR_OFF)), 100 + PRIOR_CELLS
+    before = PRIOR_CELLS * PRIOR_SHARE
+    whole = logit((100 + before) / total) - logit((100 * guessed + before) / total)
+    expected = 1 / (1 + math.exp(-(FAR_OFF + whole)))
+    mine = (100 + PRIOR_CELLS * expected) / total
+    assert after[19, 0] == pytest.approx(mine), "nothing free is near: guessed as before"
 
 
 def test_a_cell_is_counted_when_it_is_first_measured_and_never_again() -> None:
@@ -86,6 +135,34 @@ def test_a_cell_is_counted_when_it_is_first_measured_and_never_again() -> None:
     seen[:5] = SURE
     once = hazard.take(view_of(seen, (10, 10)))
     assert np.array_equal(hazard.take(view_of(1.1 * seen, (10, 10))), once)
+
+
+def test_a_network_is_packed_as_text_and_comes_back() -> None:
+    rng = np.random.default_rng(3)
+    layers = [(rng.normal(size=(a, b)), rng.normal(size=b)) for a, b in pairwise(SIZES)]
+    for told, kept in zip(unpacked(packed(layers)), layers, strict=True):
+        for a, b in zip(told, kept, strict=True):
+            assert a == pytest.approx(b, rel=1e-3, abs=1e-3)
+
+
+def test_a_network_s_answer_by_hand() -> None:
+    layers = [(np.array([[1.0, -1.0]]), np.array([0.0, 0.5])), (np.ones((2, 1)), np.array([2.0]))]
+    assert network(np.array([[3.0], [-3.0]]), layers).tolist() == [5.0, 5.5]
+
+
+# --- what is beyond a cell that may be solid ---------------------------------------------------
+
+
+@given(st.lists(st.floats(0.05, 1.0), min_size=1, max_size=20))
+@settings(max_examples=30, deadline=None)
+def test_what_stands_or_falls_together_lets_no_less_pass(chances: list[float]) -> None:
+    alone, together = 1.0, 1.0
+    for n, chance in enumerate(chances):
+        alone, together = onward(alone, chance, False), onward(together, chance, True)
+        assert together >= alone - 1e-9
+        assert n > 0 or together == pytest.approx(chance), "of one cell both say the same"
+        assert together <= min(chances[: n + 1]) + 1e-9
+    assert onward(together, 0.0, True) == 0.0
 
 
 # --- looks of one place, chosen together ------------------------------------------------------
@@ -106,51 +183,80 @@ def best_by_trying(ring: list[float], width: int, looks: int) -> float:
 def test_no_set_of_looks_shows_more_than_the_one_chosen(
     ring: list[int], width: int, looks: int
 ) -> None:
-    by_bearing = np.repeat(np.array(ring, dtype=np.float64) / COARSE, COARSE)[None]
-    gain, first = look_sets(by_bearing, width * COARSE, 3)
+    gain, first = look_sets(np.array([ring], dtype=np.float64), width, 3)
     assert gain[0, looks - 1].sum() == pytest.approx(best_by_trying(list(ring), width, looks))
     assert (np.diff(gain[0], axis=1) <= 0).all()
-    assert (first % COARSE == 0).all()
+    assert ((first >= 0) & (first < len(ring))).all()
 
 
 def test_looks_share_a_stretch_rather_than_leave_its_ends() -> None:
     by_bearing = np.zeros((1, 360))
     by_bearing[0, 90:270] = 1.0
     by_bearing[0, 150:210] = 2.0  # the single best look lies in the middle
-    gain, first = look_sets(by_bearing, 90, 4)
+    gain, first = look_sets(sectors(by_bearing), 90 // COARSE, 4)
     assert gain[0, 0, 0] == pytest.approx(150.0)
     assert gain[0, 1, :2] == pytest.approx([120.0, 120.0])
-    assert sorted(first[0, 1, :2]) == [90, 180]
+    assert sorted(first[0, 1, :2] * COARSE) == [90, 180]
     assert gain[0, 3, 2:] == pytest.approx([0.0, 0.0]), "two show all"
 
 
-def test_looks_that_show_too_little_count_as_nothing() -> None:
-    scene = scene_of(view_of(half_known(), (20, 17)))
-    sites = survey(scene, scene.worth, np.array([[20, 17]]), 20.0)
-    assert ((sites.gain == 0) | (sites.gain >= 20)).all()
-    none = survey(scene, scene.worth, np.array([[20, 17]]), 1e9)
-    assert not none.gain.any()
+# --- routes --------------------------------------------------------------------------------------
 
 
-def test_a_stop_is_worth_what_all_its_looks_yield_per_effort_by_hand() -> None:
-    gain = np.zeros((2, 2, 2))
-    gain[0] = [[30.0, 0.0], [30.0, 10.0]]
-    gain[1] = [[30.0, 0.0], [30.0, 28.0]]
-    told = Sites(np.array([[20, 17], [20, 18]]), gain, np.zeros((2, 2, 2), dtype=np.int64))
-    rate, sets = rates(told, np.array([0.0, 4.0 * LOOK_WORTH_M]))
-    assert sets.tolist() == [0, 1], "here one look, and there, after a drive, both"
-    assert rate.tolist() == pytest.approx([30.0, 58.0 / 6.0])
+def prospects_of(log_odds: np.ndarray, cell: tuple[int, int]) -> tuple[Router, Prospects]:
+    scene = scene_of(view_of(log_odds, cell))
+    prospects = Prospects(scene, scene.lattice(np.random.default_rng(1)))
+    return Router(scene, prospects), prospects
 
 
 @given(st.integers(0, 1000))
 @settings(max_examples=10, deadline=None)
-def test_what_a_place_promises_is_never_more_than_what_lacks(seed: int) -> None:
+def test_what_looks_show_together_is_no_more_than_what_lacks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     log_odds = rng.choice([-SURE, -1.0, 0.0, SURE], size=(20, 20), p=[0.5, 0.1, 0.3, 0.1])
     log_odds[9:12, 9:12] = -SURE
-    scene = scene_of(view_of(log_odds, (10, 10)))
-    sites = survey(scene, scene.worth, np.array([[10, 10]]), 0.0)
-    assert sites.total.max() <= scene.worth.sum() + 1e-6
+    _, prospects = prospects_of(log_odds, (10, 10))
+    left = prospects.worth.copy()
+    before = float(prospects.rings(left)[0].sum())
+    total = sum(prospects.take(left, 0, (first,)) for first in range(0, SECTORS, prospects.width))
+    assert total == pytest.approx(before, rel=1e-5), "looks side by side show all there is"
+    assert total == pytest.approx(prospects.worth.sum() - left.sum(), rel=1e-6)
+    assert (left >= -1e-9).all()
+    again = prospects.take(left, 0, (0,))
+    assert again <= total
+
+
+def test_a_route_is_worth_its_looks_less_their_price_by_hand() -> None:
+    router, prospects = prospects_of(half_known(), (20, 17))
+    place = len(prospects.places) - 1
+    route = (Stop(0, (0,)), Stop(place, (0,)))
+    left = prospects.worth.copy()
+    gain = prospects.take(left, 0, (0,)) + prospects.take(left, place, (0,))
+    length_m = router.length_m(route)
+    assert router.worth(route, Prices(3.0, 2.0)) == pytest.approx(gain - 6.0 - 2.0 * length_m)
+    assert length_m == pytest.approx(
+        CELL_M * math.hypot(*(prospects.places[place] - prospects.places[0])), rel=0.1
+    )
+
+
+def test_the_best_route_is_worth_more_than_any_single_stop() -> None:
+    router, prospects = prospects_of(half_known(), (20, 10))
+    prices = Prices(10.0, 1.0)
+    best = router.best(prices)
+    gain, first = prospects.sets(prospects.worth, 1)
+    alone = [
+        router.worth((Stop(n, (int(first[n, 0, 0]),)),), prices)
+        for n in range(len(prospects.places))
+        if gain[n, 0, 0] > 0
+    ]
+    assert router.worth(best, prices) >= max(alone)
+    assert len(best) > 1
+    assert len({stop.place for stop in best}) == len(best), "a place is on a route but once"
+
+
+def test_no_route_is_worth_any_price() -> None:
+    router, _ = prospects_of(half_known(), (20, 10))
+    assert router.best(Prices(1e9, 1e9)) == ()
 
 
 # --- team-mates ---------------------------------------------------------------------------------

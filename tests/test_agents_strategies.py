@@ -256,3 +256,14 @@ def test_ground_on_which_the_wheels_came_to_a_halt_is_gone_round_but_the_way_bac
     trail = np.array([(6.0, 7.0), (6.0, 8.0)])
     back = Scene(replace(view, barred=((6.0, 7.7, 0.4),), trail_m=trail))
     assert np.isfinite(back.cost[72:80, 60]).all()
+
+
+def test_two_robots_that_stand_beside_each_other_can_part():
+    ground = np.zeros(FRAME.shape)
+    mate = Pose(6.7, 8.0, 0.0, 0.0)
+    scene = Scene(view_of(ground, others=[mate]))
+    reached = np.isfinite(scene.travel[0])
+    assert reached.mean() > 0.7
+    rows, cols = np.nonzero(reached)
+    x_m, y_m = (cols + 0.5) * FRAME.cell_m + FRAME.x_m, (rows + 0.5) * FRAME.cell_m + FRAME.y_m
+    assert np.hypot(x_m - mate.x_m, y_m - mate.y_m).min() > 0.7 - FRAME.cell_m

@@ -107,7 +107,7 @@ def test_a_region_numbers_its_tiles_as_the_whole_does(
         assert part.holds(tile) == within
         if within:
             assert np.array_equal(mask[inside][part.window(tile)], mask[window])
-            held = [other for other in all_of_it.beside(tile) if part.holds(other)]
+            held = tuple(other for other in all_of_it.beside(tile) if part.holds(other))
             assert part.beside(tile) == held
 
 

@@ -17,7 +17,13 @@ from scenarios.shelf import names
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-OF_FILES = ("world.map", "world.terrain.file", "world.terrain.cell_m", "world.terrain.grey_m")
+OF_FILES = (
+    "world.map",
+    "world.terrain.file",
+    "world.terrain.cell_m",
+    "world.terrain.grey_m",
+    "robots.recon.recording",
+)
 """Settings that need a file of the reader's."""
 LIBRARY = sorted((ROOT / "scenarios" / "library").glob("*.toml"))
 CLIFF = ROOT / "scenarios" / "library" / "cliff.toml"

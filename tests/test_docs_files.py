@@ -26,23 +26,28 @@ BRIEF = ("limit_s=20", "planner.max_looks=1", "planner.first_looks=1", "planner.
 EXPORTED = ("tif", "npz", "ply", "yaml", "png", "bt", "-true.tum", "-believed.tum")
 
 
+def write_grounds(folder: Path) -> None:
+    """Write ground and a floor in all the forms that the page speaks of."""
+    z = 2.0 + 0.1 * np.random.default_rng(0).normal(size=(40, 40)).astype(np.float32)
+    np.savez(folder / "ground.npz", elevation=z, cell_size=0.5)
+    place = Affine(0.5, 0, 500_000, 0, -0.5, 5_000_020)
+    options = {"height": 40, "width": 40, "count": 1, "dtype": "float32", "crs": "EPSG:32633"}
+    with rasterio.open(folder / "ground.tif", "w", "GTiff", transform=place, **options) as out:
+        out.write(z, 1)
+    rows = "\n".join(" ".join(f"{height:.3f}" for height in row) for row in z)
+    (folder / "ground.asc").write_text(f"ncols 40\nnrows 40\ncellsize 0.5\n{rows}\n")
+    cv2.imwrite(str(folder / "ground.png"), np.round(z / 4.0 * 65535).astype(np.uint16))
+    cv2.imwrite(str(folder / "floor.png"), np.full((200, 200), 254, np.uint8))
+    keys = ("image: floor.png", "resolution: 0.1", "origin: [0, 0, 0]", "negate: 0")
+    (folder / "floor.yaml").write_text("\n".join((*keys, "free_thresh: 0.2")))
+
+
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Work in a folder with the files that the page speaks of, and a run that has ended."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runner, "draw", lambda *_: None)
-    z = 2.0 + 0.1 * np.random.default_rng(0).normal(size=(40, 40)).astype(np.float32)
-    np.savez("ground.npz", elevation=z, cell_size=0.5)
-    place = Affine(0.5, 0, 500_000, 0, -0.5, 5_000_020)
-    options = {"height": 40, "width": 40, "count": 1, "dtype": "float32", "crs": "EPSG:32633"}
-    with rasterio.open("ground.tif", "w", "GTiff", transform=place, **options) as out:
-        out.write(z, 1)
-    rows = "\n".join(" ".join(f"{height:.3f}" for height in row) for row in z)
-    Path("ground.asc").write_text(f"ncols 40\nnrows 40\ncellsize 0.5\n{rows}\n")
-    cv2.imwrite("ground.png", np.round(z / 4.0 * 65535).astype(np.uint16))
-    cv2.imwrite("floor.png", np.full((200, 200), 254, np.uint8))
-    keys = ("image: floor.png", "resolution: 0.1", "origin: [0, 0, 0]", "negate: 0")
-    Path("floor.yaml").write_text("\n".join((*keys, "free_thresh: 0.2")))
+    write_grounds(tmp_path)
     written_run(tmp_path / "runs" / "cliff")
     return tmp_path
 

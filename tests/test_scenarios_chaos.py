@@ -4,6 +4,7 @@ import json
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from unittest.mock import patch
@@ -183,6 +184,15 @@ def test_a_kill_in_one_process_is_a_kill_of_a_process() -> None:
     assert [f.state for f in many.finals] == ["killed", "alive", "left"]
     for name in small("pair").robots:
         assert (one.ledger.information(name) == many.ledger.information(name)).all()
+
+
+def test_a_submap_whose_anchor_was_corrected_is_measured_where_it_lies_now() -> None:
+    drawn = Series(small("cliff"), known_kinds(()), 90.0)
+    evidence = run_trial(drawn.scenario_of(12, drawn.faults(12)))
+    assert all(final.moved for final in evidence.finals if final.state == "alive")
+    assert violations(evidence) == []
+    evidence.finals = [replace(final, moved={}) for final in evidence.finals]
+    assert broken(evidence) == {"nothing counted twice"}
 
 
 # --- the net catches ------------------------------------------------------------------------

@@ -12,6 +12,8 @@ from scenarios.experiments.figure import save_figure
 from scenarios.experiments.frame import Options
 from scenarios.experiments.localisation import EXPERIMENT, Trial, measure, trials
 from scenarios.experiments.localisation_claims import OURS, conclude, curve
+from scenarios.experiments.localisation_images import Walk
+from scenarios.experiments.localisation_images import measure as measure_images
 from scenarios.experiments.localisation_walk import WAYS, Course, walk
 from scenarios.experiments.tables import Row
 
@@ -77,7 +79,10 @@ def test_trials_take_what_is_set() -> None:
 
 
 def test_claims_say_what_the_rows_say(rows: Sequence[Row]) -> None:
-    growth, nearer, more, spread, said, paper = conclude(rows).claims
+    drift, growth, nearer, more, spread, said, paper = conclude(rows).claims
+    assert drift.held
+    end_m = 16 * 0.05
+    assert drift.number == pytest.approx(100 * curve(rows, OURS, 0.35, 24)[-1] / end_m)
     assert growth.held
     assert nearer.held
     far, near = (curve(rows, OURS, d, 24)[-1] for d in (1.1, 0.35))
@@ -92,7 +97,7 @@ def test_claims_say_what_the_rows_say(rows: Sequence[Row]) -> None:
 
 def test_a_claim_that_does_not_hold_is_told_so(rows: Sequence[Row]) -> None:
     level = [{**row, OURS: 0.01} if row["kind"] == "path" else row for row in rows]
-    growth, nearer, more, *_ = conclude(level).claims
+    _, growth, nearer, more, *_ = conclude(level).claims
     assert [growth.held, nearer.held, more.held] == [False] * 3
     assert nearer.number == pytest.approx(1.0)
 
@@ -101,3 +106,35 @@ def test_tables_and_figure_hold_all_kinds(rows: Sequence[Row], tmp_path: Path) -
     assert [len(table.rows) for table in conclude(rows).tables] == [4, 4]
     save_figure(tmp_path / "figure.png", lambda figure: EXPERIMENT.draw(figure, rows))
     assert (tmp_path / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+# --- from images --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def seen() -> Sequence[Row]:
+    made = [Walk(1, d, (12, 40), 4, 0.05) for d in (0.35, 1.1)]
+    return [row for trial in made for row in measure_images(trial, every=2)]
+
+
+def test_a_walk_by_images_stays_on_its_way(seen: Sequence[Row]) -> None:
+    for distance_m, most_m in ((0.35, 0.004), (1.1, 0.012)):
+        assert curve(seen, OURS, distance_m, 40)[-1] < most_m
+        last = [r for r in seen if r["kind"] == "path" and r["distance_m"] == distance_m][-1]
+        assert float(last["seen_m"]) == pytest.approx(distance_m, rel=0.15)
+        assert int(last["tracked"]) > 30
+
+
+def test_images_are_tabled_like_formulas(seen: Sequence[Row]) -> None:
+    assert {row["kind"] for row in seen} == {"path", "step"}
+    assert {"refined error_m", "Eq. 12 error_m", "said_m"} <= set(seen[0])
+
+
+def test_images_have_trials_of_their_own() -> None:
+    made = trials(Options(2, {"source": ["images"]}))
+    assert len(made) == 2 * 2
+    assert all(isinstance(trial, Walk) for trial in made)
+    with pytest.raises(UsageError, match="source=nonsense: must be one of formula, images"):
+        trials(Options(1, {"source": ["nonsense"]}))
+    with pytest.raises(UsageError, match="noise_s: images have their own"):
+        trials(Options(1, {"source": ["images"], "noise_s": ["0.01"]}))

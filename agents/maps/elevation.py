@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats, GridFrame
 from agents.layers import Anchor, drawn_cells
+from agents.maps.elevationlaying import add_layer, fill_slope, take_surer
 from agents.maps.elevationlook import LookCells
 from agents.maps.kind import EVERYWHERE, Shape, Window
 from agents.payloads import Payloads, Pyramid
@@ -104,12 +105,9 @@ def blank(shape: Shape) -> Estimate:
 
 def surest(first: Estimate, second: Estimate) -> Estimate:
     """Take each cell from the surer of two estimates of one origin, whose errors are shared."""
-    better = second.variance_m2 < first.variance_m2
-    return Estimate(
-        np.where(better, second.elevation_m, first.elevation_m),
-        np.where(better, second.variance_m2, first.variance_m2),
-        np.maximum(first.looks, second.looks),
-    )
+    best = Estimate(first.elevation_m.copy(), first.variance_m2.copy(), first.looks.copy())
+    take_surer(best.elevation_m, best.variance_m2, best.looks, *_arrays(second))
+    return best
 
 
 def fuse_origins(layers: list[Estimate], shape: Shape) -> Estimate:
@@ -118,20 +116,25 @@ def fuse_origins(layers: list[Estimate], shape: Shape) -> Estimate:
     weighted = np.zeros(shape)
     looks = np.zeros(shape, dtype=np.uint16)
     for layer in layers:
-        weight = 1.0 / layer.variance_m2
-        information += weight
-        weighted += np.where(weight > 0, weight * np.nan_to_num(layer.elevation_m), 0.0)
-        looks += layer.looks
+        add_layer(information, weighted, looks, *_arrays(layer))
     with np.errstate(divide="ignore", invalid="ignore"):
         return Estimate(weighted / information, 1.0 / information, looks)
 
 
+def _arrays(estimate: Estimate) -> tuple[Floats, Floats, Counts]:
+    """Return elevation, variance and looks as the kernels take them."""
+    return (
+        np.ascontiguousarray(estimate.elevation_m),
+        np.ascontiguousarray(estimate.variance_m2),
+        np.ascontiguousarray(estimate.looks),
+    )
+
+
 def slope_of(elevation_m: Floats, cell_m: float) -> Floats:
     """Return the magnitude of the gradient, 0 where a neighbour is unknown; clipped at 3."""
-    padded = np.pad(elevation_m, 1, mode="edge")
-    dx = (padded[1:-1, 2:] - padded[1:-1, :-2]) / (2 * cell_m)
-    dy = (padded[2:, 1:-1] - padded[:-2, 1:-1]) / (2 * cell_m)
-    return np.minimum(np.nan_to_num(np.hypot(dx, dy)), 3.0)
+    slope = np.empty(elevation_m.shape)
+    fill_slope(np.ascontiguousarray(elevation_m, dtype=np.float64), cell_m, slope)
+    return slope
 
 
 def cell_variance(

@@ -47,7 +47,11 @@ def bin_look(
     local, points, cells = exposure.points_m[inside], points[inside], cells[inside]
     along_sigma = exposure.sigma_m[inside]
     flat = cells[:, 0] * frame.cols + cells[:, 1]
-    used, where, count = np.unique(flat, return_inverse=True, return_counts=True)
+    counts = np.bincount(flat, minlength=frame.rows * frame.cols)
+    used = np.flatnonzero(counts)
+    count, place = counts[used], np.zeros(counts.size, dtype=np.int64)
+    place[used] = np.arange(used.size)
+    where = place[flat]
     if used.size == 0:
         nothing = np.zeros(0, dtype=np.int64)
         return LookCells(nothing, nothing, np.zeros(0), np.zeros(0))

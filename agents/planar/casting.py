@@ -28,6 +28,8 @@ BEARINGS = 360
 """Rays of a star: a multiple of every sensible number of headings."""
 HALF = 0.6
 """What it counts to make a cell surer that is not mapped after all; the rest when it is."""
+CLOSED = 1e-6
+"""What lets rays pass with a smaller chance lets none pass."""
 LEAST = 0.02
 """A ray whose chance of coming so far is less is not followed."""
 
@@ -92,6 +94,21 @@ def windows(by_bearing: Floats, width: int) -> Floats:
 
 
 @kernel
+def onward(p: float, passing: float, related: bool) -> float:
+    """Return the chance of a ray that came through a cell, of its chance `p` before it.
+
+    Independent chances multiply. If cells stand or fall together, odds against coming on add up:
+    that is a common frailty of unit variance, and what has come far through the unknown is the
+    likelier to come farther; of a single cell both say the same.
+    """
+    if not related:
+        return p * passing
+    if passing < CLOSED:
+        return 0.0
+    return 1.0 / (1.0 / p + 1.0 / passing - 1.0)
+
+
+@kernel
 def _gains(
     through: np.ndarray,
     lacking: np.ndarray,
@@ -101,6 +118,7 @@ def _gains(
     sure: np.ndarray,
     eyes: np.ndarray,
     half: float,
+    related: bool,
     out: np.ndarray,
 ) -> None:
     rows, cols = through.shape
@@ -125,7 +143,7 @@ def _gains(
                         total += more * (value if sure[b, n] >= lacking[i, j] else half * value)
                         best[i, j] = p
                 if n > 0:
-                    p *= through[i, j]
+                    p = onward(p, float(through[i, j]), related)
                     if p < LEAST:
                         break
             out[e, b] = total
@@ -181,6 +199,7 @@ def _visibility(
     eye: np.ndarray,
     first: int,
     width: int,
+    related: bool,
     out: np.ndarray,
 ) -> None:
     rows, cols = through.shape
@@ -193,12 +212,20 @@ def _visibility(
                 break
             out[i, j] = max(out[i, j], p)
             if n > 0:
-                p *= through[i, j]
+                p = onward(p, float(through[i, j]), related)
                 if p < LEAST:
                     break
 
 
-def gains(through: Floats, lacking: Floats, worth: Floats, rays: Star, eyes: Ints) -> Floats:
+def gains(
+    through: Floats,
+    lacking: Floats,
+    worth: Floats,
+    rays: Star,
+    eyes: Ints,
+    *,
+    related: bool = False,
+) -> Floats:
     """Return how many cells looks are expected to map, by bearing.
 
     Args:
@@ -208,6 +235,7 @@ def gains(through: Floats, lacking: Floats, worth: Floats, rays: Star, eyes: Int
             it still falls short counts `HALF` of that.
         rays: of the sensor.
         eyes: (E, 2) cells from whose centres is looked.
+        related: cells along a ray stand or fall together (`onward`).
 
     Returns:
         (E, B): for each bearing the sum over the cells that its ray shows.
@@ -215,7 +243,18 @@ def gains(through: Floats, lacking: Floats, worth: Floats, rays: Star, eyes: Int
     out = np.zeros((len(eyes), len(rays.counts)))
     # Half as wide: what rays walk over stays in the processor's cache.
     passing, short, value = (np.asarray(v, dtype=np.float32) for v in (through, lacking, worth))
-    _gains(passing, short, value, rays.narrow_steps, rays.counts, rays.narrow_sure, eyes, HALF, out)
+    _gains(
+        passing,
+        short,
+        value,
+        rays.narrow_steps,
+        rays.counts,
+        rays.narrow_sure,
+        eyes,
+        HALF,
+        related,
+        out,
+    )
     return out
 
 
@@ -241,10 +280,12 @@ def tallies(
     return out
 
 
-def visibility(through: Floats, rays: Star, eye: Ints, first: int) -> Floats:
+def visibility(
+    through: Floats, rays: Star, eye: Ints, first: int, *, related: bool = False
+) -> Floats:
     """Return each cell's probability (rows, cols) of being seen by one look."""
     out = np.zeros(through.shape)
-    _visibility(through, rays.steps, rays.counts, eye, first, rays.width, out)
+    _visibility(through, rays.steps, rays.counts, eye, first, rays.width, related, out)
     return out
 
 

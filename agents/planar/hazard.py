@@ -1,84 +1,134 @@
-"""Where rays end in what nobody measured yet: learned look by look, from a prior.
+"""Where rays end in what nobody measured yet: a small network's guess, mended look by look.
 
-A cell that a look reaches for the first time is solid with a probability that depends most on
-two lengths: how far it is from the nearest cell known to be solid, and from the nearest known to
-be free. Beside a wall the wall goes on; in the open nothing is likely to begin. Each look tells of
-some hundreds of such cells which they were, so the robot keeps count, bin by bin, and begins with
-what was counted in made-up worlds, moved by how built-up its own world is on the whole.
+A cell that a look reaches for the first time is solid with a probability that depends on what lies
+about it (`surroundings`). A network of two hidden layers, trained on made-up buildings and squares
+(`benchmarks/train_hazard.py`), turns that into log-odds. How far it can be trusted the robot finds
+out by itself: each look tells of some hundreds of cells which they were, so it keeps count of
+them, all together and by the log-odds that were guessed, and shifts the guesses to fit: its world
+may be more built up than those that the network knows, and what looks open there be walls here.
 """
+
+import base64
+import zlib
+from functools import cache
+from itertools import pairwise
 
 import numpy as np
 
 from agents.geometry import Bools, Floats, Ints
 from agents.markov import distance_to_known_m
+from agents.planar.hazard_data import LAYERS
+from agents.planar.surroundings import NUMBERS, surroundings
 from agents.planar.view import PlanarView
 
-SOLID_EDGES_M = np.array([0.5, 0.9, 1.3, 2.1, 4.0, 8.0])
-FREE_EDGES_M = np.array([0.5, 0.9, 1.7, 3.3, 6.5])
-PRIOR_PERCENT = np.array(
-    [
-        [70.0, 77.0, 40.0, 10.0, 6.0, 5.0],
-        [22.0, 48.0, 52.0, 15.0, 6.0, 5.0],
-        [4.8, 21.0, 24.0, 12.0, 6.0, 5.0],
-        [2.7, 7.8, 19.0, 14.0, 6.0, 5.0],
-        [1.3, 3.2, 6.0, 11.0, 8.7, 4.2],
-        [0.5, 1.0, 1.9, 4.4, 6.2, 4.3],
-        [0.9, 0.8, 0.8, 1.7, 2.9, 3.0],
-    ]
-)
-"""Cells in a hundred that were solid, by distance to solid (rows) and to free (columns)."""
-PRIOR_RATE = 0.043
-"""Of all cells that looks reached there for the first time, the share that was solid."""
-PRIOR_LOOKS = 300.0
-"""The prior on that share counts like so many cells ..."""
-PRIOR_CELLS = 40.0
-"""... and in each bin like so many."""
+Layers = list[tuple[Floats, Floats]]
+"""Weights (inputs, outputs) and biases (outputs,) of each layer."""
+EDGES = np.array([-4.0, -3.3, -2.7, -2.2, -1.7, -1.2, -0.7, 0.0, 0.8, 1.6])
+"""Guessed log-odds at which the counts are told apart."""
+WITHIN_M = 8.0
+"""Cells farther than that from all that is known to be free get `FAR_OFF`."""
+FAR_OFF = -2.5
+"""Log-odds of a cell of which nothing is known."""
+PRIOR_CELLS = 60.0
+"""The guesses count like so many cells, all together and in each bin."""
+PRIOR_SHARE = 0.12
+"""Of all cells that looks reached in training, the share that was solid."""
+
+SIZES = (NUMBERS, 24, 12, 1)
+"""Inputs, hidden units and output of the network."""
 
 
 class Hazard:
     """What one robot has learned of the world that it explores."""
 
     def __init__(self) -> None:
-        """Begin with the prior alone."""
-        shape = PRIOR_PERCENT.shape
-        self._reached: Floats = np.zeros(shape)
-        self._solid: Floats = np.zeros(shape)
-        self._before: tuple[Bools, Ints] | None = None
+        """Begin with the network alone."""
+        bins = len(EDGES) + 1
+        self._reached: Floats = np.zeros(bins)
+        self._solid: Floats = np.zeros(bins)
+        self._guessed: Floats = np.zeros(bins)
+        """How many of them the network alone held for solid."""
+        self._before: tuple[Bools, Floats] | None = None
 
     def take(self, view: PlanarView) -> Floats:
         """Learn from what was measured since the last call; return each cell's p of being solid.
 
-        Only of unmeasured cells (rows, cols) is anything said; others hold their bin's too.
+        Only of unmeasured cells (rows, cols) is anything said.
         """
-        log_odds = view.log_odds
         if self._before is not None:
-            unknown, bins = self._before
-            fresh = unknown & (log_odds != 0)
-            size = self._reached.size
-            self._reached += np.bincount(bins[fresh], minlength=size).reshape(self._reached.shape)
-            solid = bins[fresh & (log_odds > 0)]
-            self._solid += np.bincount(solid, minlength=size).reshape(self._solid.shape)
-        bins = _bins(log_odds, view.frame.cell_m)
-        self._before = (log_odds == 0, bins)
-        return self._probabilities()[bins]
+            unknown, guess = self._before
+            fresh = unknown & (view.log_odds != 0)
+            self._count(guess[fresh], view.log_odds[fresh] > 0)
+        guess = _guesses(view)
+        self._before = (view.log_odds == 0, guess)
+        return _p(guess + self._shifts()[np.searchsorted(EDGES, guess)])
 
-    def _probabilities(self) -> Floats:
-        """Return each bin's probability, flat."""
-        reached, solid = float(self._reached.sum()), float(self._solid.sum())
-        rate = (solid + PRIOR_RATE * PRIOR_LOOKS) / (reached + PRIOR_LOOKS)
-        shift = _logit(np.array(rate)) - _logit(np.array(PRIOR_RATE))
-        prior = 1.0 / (1.0 + np.exp(-_logit(PRIOR_PERCENT / 100.0) - shift))
-        found = (self._solid + PRIOR_CELLS * prior) / (self._reached + PRIOR_CELLS)
-        return found.ravel()
+    def _count(self, guess: Floats, solid: Bools) -> None:
+        bins: Ints = np.searchsorted(EDGES, guess).astype(np.int64)
+        count = len(self._reached)
+        self._reached += np.bincount(bins, minlength=count)
+        self._solid += np.bincount(bins[solid], minlength=count)
+        self._guessed += np.bincount(bins, weights=_p(guess), minlength=count)
+
+    def _shifts(self) -> Floats:
+        """Return by how much guesses are off, for each bin: as a whole, and the bin besides."""
+        before = PRIOR_CELLS * PRIOR_SHARE
+        reached = float(self._reached.sum()) + PRIOR_CELLS
+        whole = _logit((float(self._solid.sum()) + before) / reached) - _logit(
+            (float(self._guessed.sum()) + before) / reached
+        )
+        middle = self._guessed / np.maximum(self._reached, 1.0)
+        expected = _p(_logit(np.clip(middle, 1e-3, 1.0 - 1e-3)) + whole)
+        reached = self._reached + PRIOR_CELLS
+        found = (self._solid + PRIOR_CELLS * expected) / reached
+        return whole + np.where(self._reached > 0, _logit(found) - _logit(expected), 0.0)
 
 
-def _bins(log_odds: Floats, cell_m: float) -> Ints:
-    solid_m = distance_to_known_m(log_odds > 0, cell_m)
-    free_m = distance_to_known_m(log_odds < 0, cell_m)
-    row = np.searchsorted(SOLID_EDGES_M, solid_m)
-    col = np.searchsorted(FREE_EDGES_M, free_m)
-    return (row * PRIOR_PERCENT.shape[1] + col).astype(np.int64)
+def _guesses(view: PlanarView) -> Floats:
+    """Return the network's log-odds (rows, cols) that cells are solid."""
+    log_odds, frame = view.log_odds, view.frame
+    guess = np.full(frame.shape, FAR_OFF)
+    near = distance_to_known_m(log_odds < 0, frame.cell_m) < WITHIN_M
+    cells = np.argwhere((log_odds == 0) & near)
+    if len(cells):
+        guess[cells[:, 0], cells[:, 1]] = network(surroundings(log_odds, cells, frame), _layers())
+    return guess
 
 
-def _logit(p: Floats) -> Floats:
-    return np.log(p / (1.0 - p))
+def network(numbers: Floats, layers: Layers) -> Floats:
+    """Return log-odds (N,) of inputs (N, `NUMBERS`): affine maps, what is negative cut between."""
+    for n, (weight, bias) in enumerate(layers):
+        numbers = (np.maximum(numbers, 0.0) if n else numbers) @ weight + bias
+    return numbers[:, 0]
+
+
+@cache
+def _layers() -> Layers:
+    return unpacked(LAYERS)
+
+
+def packed(layers: Layers) -> str:
+    """Return a network as text."""
+    raw = b"".join(part.astype("<f2").tobytes() for layer in layers for part in layer)
+    return base64.b85encode(zlib.compress(raw, 9)).decode()
+
+
+def unpacked(text: str) -> Layers:
+    """Return the network that a text holds."""
+    numbers = np.frombuffer(zlib.decompress(base64.b85decode(text)), dtype="<f2")
+    layers: Layers = []
+    at = 0
+    for inputs, outputs in pairwise(SIZES):
+        weight = numbers[at : at + inputs * outputs].reshape(inputs, outputs)
+        at += inputs * outputs
+        layers.append((weight.astype(np.float64), numbers[at : at + outputs].astype(np.float64)))
+        at += outputs
+    return layers
+
+
+def _p(log_odds: Floats) -> Floats:
+    return 1.0 / (1.0 + np.exp(-log_odds))
+
+
+def _logit(p: Floats | float) -> Floats:
+    return np.log(p / (1.0 - np.asarray(p, dtype=np.float64)))

@@ -14,7 +14,7 @@ from comms import kernels
 from comms.kernels import kernel
 
 COARSE = 5
-"""Bearings that are taken as one."""
+"""Bearings that are taken as one: a sector."""
 
 
 @kernel
@@ -59,28 +59,31 @@ def _best_sets(
                         j -= 1
 
 
-def look_sets(by_bearing: Floats, width: int, most: int) -> tuple[Floats, Ints]:
+def sectors(by_bearing: Floats) -> Floats:
+    """Return what each sector shows (E, B / COARSE), of what each bearing shows (E, B)."""
+    return by_bearing.reshape(len(by_bearing), -1, COARSE).sum(axis=2)
+
+
+def look_sets(ring: Floats, width: int, most: int) -> tuple[Floats, Ints]:
     """Return the best sets of 1, ..., `most` looks at each place.
 
     Args:
-        by_bearing: (E, B) >= 0, what each bearing shows; B is a multiple of `COARSE`.
-        width: bearings in a look.
+        ring: (E, K) >= 0, what each sector of bearings shows.
+        width: sectors in a look.
         most: looks at most.
 
     Returns:
         gain (E, most, most): what each look of the set of m + 1 adds, the most first, 0 where a
-        set needs fewer; first (E, most, most): the first bearing of each, a multiple of `COARSE`.
+        set needs fewer; first (E, most, most): the first sector of each.
     """
-    places, bearings = by_bearing.shape
-    ring = by_bearing.reshape(places, bearings // COARSE, COARSE).sum(axis=2)
-    gain = np.zeros((places, most, most))
-    first = np.zeros((places, most, most), dtype=np.int64)
-    _best_sets(ring, max(1, width // COARSE), np.zeros((places, most)), first, gain)
+    gain = np.zeros((len(ring), most, most))
+    first = np.zeros((len(ring), most, most), dtype=np.int64)
+    _best_sets(ring, width, np.zeros((len(ring), most)), first, gain)
     order = np.argsort(-gain, axis=2, kind="stable")
-    return np.take_along_axis(gain, order, 2), COARSE * np.take_along_axis(first, order, 2)
+    return np.take_along_axis(gain, order, 2), np.take_along_axis(first, order, 2)
 
 
 @kernels.warmer
 def warm() -> None:
     """Compile the kernel of this module."""
-    look_sets(np.ones((1, 4 * COARSE)), 2 * COARSE, 2)
+    look_sets(np.ones((1, 4)), 2, 2)

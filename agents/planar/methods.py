@@ -17,6 +17,7 @@ candidate is expected to map `min_gain_cells` cells.
 """
 
 import math
+from abc import ABC, abstractmethod
 from typing import Protocol
 
 import numpy as np
@@ -49,9 +50,10 @@ class PlanarMethod(Protocol):
 class Memory:
     """What a robot remembers of its looks: the cells that it expected and did not get (Eq. 9)."""
 
-    def __init__(self, beta: float) -> None:
-        """Begin with full interest."""
+    def __init__(self, beta: float, *, sure: float = 1.0) -> None:
+        """Begin with full interest; of the chances that are expected the power `sure` counts."""
         self._beta = beta
+        self._sure = sure
         self._interest: Interest | None = None
         self._expected: Floats | None = None
         self._before: Floats | None = None
@@ -69,7 +71,8 @@ class Memory:
     def expect(self, scene: Scene, cell: tuple[int, int], first: int) -> None:
         """Note what the look that was chosen should show."""
         eye = np.array(cell, dtype=np.int64)
-        self._expected = visibility(scene.through, scene.rays, eye, first)
+        seen_p = visibility(scene.through, scene.rays, eye, first, related=scene.related)
+        self._expected = seen_p**self._sure
         self._before = scene.view.log_odds
 
 
@@ -93,8 +96,8 @@ def expected_cells(scene: Scene, eyes: Ints) -> Floats:
     return windows(by_bearing, scene.rays.width)
 
 
-class _Paper:
-    """What the paper's methods share: candidates, stop, memory and rating."""
+class _Sampled(ABC):
+    """What the paper's methods share: candidates, stop and memory."""
 
     def __init__(self, means: Means) -> None:
         self._means = means
@@ -116,10 +119,19 @@ class _Paper:
         gain = float(cells[place, heading])
         return look_at(scene, cell, float(yaws[heading]), gain)
 
+    @abstractmethod
     def _pick(
         self, scene: Scene, eyes: Ints, firsts: Ints, cells: Floats, rng: np.random.Generator
     ) -> tuple[int, int]:
-        """Return which position and heading: here the best by Eq. 23."""
+        """Return which position and heading, of those that map so many cells (E, H)."""
+
+
+class _Rated(_Sampled):
+    """Those that take the look that Eq. 23 likes best; they differ in its NI."""
+
+    def _pick(
+        self, scene: Scene, eyes: Ints, firsts: Ints, cells: Floats, rng: np.random.Generator
+    ) -> tuple[int, int]:
         worth = self._worth(scene, eyes, firsts)
         worthy = (cells >= self._means.planner.min_gain_cells) & (worth > 0)
         if not worthy.any():
@@ -128,9 +140,9 @@ class _Paper:
         place, heading = np.unravel_index(int(np.argmax(rating)), rating.shape)
         return int(place), int(heading)
 
+    @abstractmethod
     def _worth(self, scene: Scene, eyes: Ints, firsts: Ints) -> Floats:
         """Return NI (E, H) of Eq. 23."""
-        raise NotImplementedError
 
 
 def rated(scene: Scene, eyes: Ints, worth: Floats) -> Floats:
@@ -153,7 +165,7 @@ def rated(scene: Scene, eyes: Ints, worth: Floats) -> Floats:
     )
 
 
-class Random(_Paper):
+class Random(_Sampled):
     """Method (i): any candidate, all equally likely."""
 
     def _pick(
@@ -162,7 +174,7 @@ class Random(_Paper):
         return int(rng.integers(len(eyes))), int(rng.integers(len(firsts)))
 
 
-class Raster(_Paper):
+class Raster(_Sampled):
     """Method (ii): the next free position in raster order where no look was taken yet."""
 
     def __init__(self, means: Means) -> None:
@@ -201,14 +213,14 @@ def _most_cells(scene: Scene) -> float:
     return 0.5 * math.radians(sensor.fov_deg) * reach * reach + 4.0 * reach
 
 
-class MaxNew(_Paper):
+class MaxNew(_Rated):
     """Method (iii): the largest expected unmapped region, known occlusions accounted for."""
 
     def _worth(self, scene: Scene, eyes: Ints, firsts: Ints) -> Floats:
         return _new_and_old(scene, eyes, firsts)[0]
 
 
-class MinOld(_Paper):
+class MinOld(_Rated):
     """Method (iv), the frontier strategy: the smallest mapped region in view."""
 
     def _worth(self, scene: Scene, eyes: Ints, firsts: Ints) -> Floats:
@@ -227,7 +239,7 @@ def _new_and_old(scene: Scene, eyes: Ints, firsts: Ints) -> tuple[Floats, Floats
     return counts[..., 0], counts[..., 1]
 
 
-class Histogrammed(_Paper):
+class Histogrammed(_Rated):
     """Method (v): Eq. 8, bins of p weighted by their own entropy, known and unknown apart."""
 
     def _worth(self, scene: Scene, eyes: Ints, firsts: Ints) -> Floats:
@@ -252,7 +264,7 @@ def _dull(scene: Scene) -> Bools:
     return ~scene.view.mapped & (scene.interest < 0.5)
 
 
-class Stretched(_Paper):
+class Stretched(_Rated):
     """Method (v) by Eq. 6, over probabilities stretched by certainty and distance (Eq. 7)."""
 
     def _worth(self, scene: Scene, eyes: Ints, firsts: Ints) -> Floats:

@@ -33,12 +33,14 @@ class Scene:
             means: what it has.
             interest: (rows, cols) weight of each cell's worth (Eq. 9).
             pass_p: (rows, cols) chance that a ray passes a cell if nothing was measured there;
-                None: the share of steps that did, everywhere alike.
+                None: the share of steps that did, everywhere alike. Given, cells along a ray are
+                held to stand or fall together (`casting.onward`).
         """
         self.view = view
         self.means = means
         self.interest = interest
         self._pass_p = pass_p
+        self.related = pass_p is not None
 
     @cached_property
     def rays(self) -> Star:
@@ -87,22 +89,25 @@ class Scene:
         centres = [frame.centre_of(int(row), int(col)) for row, col in corners[1:]]
         return np.concatenate((here, np.array(centres)))
 
-    def candidates(self, rng: np.random.Generator) -> Ints:
-        """Return the cells (N, 2) where a look may be taken: the robot's own, then a sample.
+    def lattice(self, rng: np.random.Generator) -> Ints:
+        """Return the cells (N, 2) where a look may be taken: the robot's own, then a lattice.
 
-        They lie on a lattice of `candidate_step_m` with an offset drawn by lot; of more than
-        `max_candidates` as many are drawn.
+        It has `candidate_step_m` and an offset drawn by lot.
         """
-        planner = self.means.planner
-        step = max(1, round(planner.candidate_step_m / self.view.frame.cell_m))
+        step = max(1, round(self.means.planner.candidate_step_m / self.view.frame.cell_m))
         offset = rng.integers(step, size=2)
         open_cells = np.argwhere(np.isfinite(self.way_m))
         cells = open_cells[((open_cells + offset) % step == 0).all(axis=1)]
         cells = cells[(cells != np.array(self.here)).any(axis=1)]
-        if len(cells) > planner.max_candidates - 1:
-            drawn = rng.choice(len(cells), planner.max_candidates - 1, replace=False)
-            cells = cells[np.sort(drawn)]
         return np.concatenate((np.array([self.here], dtype=np.int64), cells))
+
+    def candidates(self, rng: np.random.Generator) -> Ints:
+        """Return the robot's own cell and a sample of the lattice: `max_candidates` (N, 2)."""
+        cells, most = self.lattice(rng), self.means.planner.max_candidates
+        if len(cells) > most:
+            drawn = 1 + rng.choice(len(cells) - 1, most - 1, replace=False)
+            cells = cells[np.concatenate(([0], np.sort(drawn)))]
+        return cells
 
     @cached_property
     def occupancy_p(self) -> Floats:

@@ -5,33 +5,41 @@ It differs from the paper's fifth method in five ways:
 - rays into the unknown end where the robot has learned that they do (`hazard`), so that the walls
   that go on and the shadows behind them are told from open floor;
 - a far cell that a look leaves half sure counts in part, and the rest when it is made sure;
-- looks are chosen together: all that are worth taking at a place, and the next place with it, by
-  what they yield per effort (`sites`); what shows little waits while much is to be had elsewhere;
-- the best places are refined, down to single cells and degrees;
+- looks are chosen together: a route over several places, each with all that is worth looking at
+  there, by what it shows less what it costs (`routes`); the robot takes its first look, and then
+  chooses anew. What shows little, or lies far, waits while much is to be had elsewhere: prices are
+  set by the best look anywhere, and come down until some route is worth them;
+- the places are refined, down to single cells and degrees;
 - cells that team-mates said they will look at, or stand nearer to, count less. Nobody leads: a
   team-mate that falls silent drops out of the view, and with it what it claimed.
 """
 
 import numpy as np
 
+from agents import paths
 from agents.geometry import Floats, Ints
-from agents.planar.casting import yaw_of
+from agents.planar.casting import Star, gains, windows, yaw_of
 from agents.planar.hazard import Hazard
+from agents.planar.looksets import COARSE, look_sets, sectors
 from agents.planar.methods import Memory, look_at
+from agents.planar.prospects import Prospects
+from agents.planar.routes import Prices, Route, Router
 from agents.planar.scene import Means, Scene
-from agents.planar.sites import Sites, ahead, rates, survey
 from agents.planar.view import PlanarLook, PlanarView
 
-RELATED = 0.6
-"""Cells along a ray stand or fall together: this power of their chances fits what was measured."""
-SMALL = 0.3
-"""While a look is to be had somewhere, those that show less than this share of it wait."""
-HEADS = 3
-"""Routes that are compared."""
-APART_CELLS = 8.0
-"""Their first places lie at least so far apart."""
+BLAMED = 4.0
+"""Of what was expected and not seen, what was nearly sure to be seen is to blame: this power of
+its chances counts. A gap in a wall that is none after all loses interest, not the room behind."""
+LOOK_PRICE = 0.3
+"""What a look costs, as a share of what the best one anywhere shows ..."""
+METRE_PRICE = 0.1
+"""... and a metre of the way."""
+LOOK_CHEAPER, METRE_CHEAPER = 0.75, 0.5
+"""Where no route is worth its price, prices come down by these factors."""
 REFINED = ((6, 2), (2, 1))
 """Half widths and steps, in cells, of the squares in which a place is refined."""
+THIN = 4
+"""Every so manieth ray is cast to tell which places promise anything."""
 CLAIMED = 0.1
 """What a cell counts that a team-mate said it will look at."""
 THEIRS = 0.5
@@ -44,20 +52,23 @@ class TeamInformation:
     def __init__(self, means: Means) -> None:
         """Begin with nothing seen and nothing learned."""
         self._means = means
-        self._memory = Memory(means.planner.beta)
+        self._memory = Memory(means.planner.beta, sure=BLAMED)
         self._hazard = Hazard()
 
     def choose(self, view: PlanarView, rng: np.random.Generator) -> PlanarLook | None:
         """Return the next look, or None when no look is expected to map `min_gain_cells` cells."""
-        interest = self._memory.interest(view) * _not_theirs(view)
+        interest = self._memory.interest(view)
         solid_p = self._hazard.take(view)
-        scene = Scene(view, self._means, interest, pass_p=(1.0 - solid_p) ** RELATED)
+        pass_p = interest * (1.0 - solid_p)
+        scene = Scene(view, self._means, interest * _not_theirs(view), pass_p=pass_p)
+        prospects = Prospects(scene, _promising(scene, rng))
         least = max(self._means.planner.min_gain_cells, 1e-9)
-        sites = survey(scene, scene.worth, scene.candidates(rng), least)
-        if not sites.gain.any():
+        single, _ = prospects.sets(prospects.worth, 1)
+        if float(single.max()) < least:
             return None
-        least = max(least, SMALL * float(sites.gain.max()))
-        cell, first, gain = _refined(scene, _best(scene, sites.of(least), least), least)
+        router = Router(scene, prospects)
+        prices, route = _dearest(router, float(single.max()), least)
+        cell, first, gain = _refined(scene, router, prospects, route, prices)
         self._memory.expect(scene, cell, first)
         yaw_rad = float(yaw_of(np.array(first), scene.rays.width))
         return look_at(scene, cell, yaw_rad, gain)
@@ -77,37 +88,70 @@ def _not_theirs(view: PlanarView) -> Floats:
     return share
 
 
-def _ways_m(scene: Scene, cells: Ints) -> Floats:
-    return scene.way_m[cells[:, 0], cells[:, 1]]
+def _promising(scene: Scene, rng: np.random.Generator) -> Ints:
+    """Return the places (E, 2) of the lattice from which the most may be seen, its own first."""
+    places = scene.lattice(rng)
+    most = scene.means.planner.max_candidates
+    if len(places) <= most:
+        return places
+    rays = _thinned(scene.rays)
+    shown = gains(scene.through, scene.lacking, scene.worth, rays, places, related=True)
+    promise = windows(shown, rays.width).max(axis=1)
+    promise[0] = np.inf
+    best = np.argsort(-promise, kind="stable")[:most]
+    return places[np.sort(best[promise[best] > 0])]
 
 
-def _best(scene: Scene, sites: Sites, least: float) -> Ints:
-    """Return the first place (2,) of the best of some routes."""
-    rate, sets = rates(sites, _ways_m(scene, sites.cells))
-    heads: list[int] = []
-    for at in np.argsort(-rate, kind="stable"):
-        away = [float(np.hypot(*(sites.cells[at] - sites.cells[head]))) for head in heads]
-        if rate[at] > 0 and all(apart >= APART_CELLS for apart in away):
-            heads.append(int(at))
-        if len(heads) == HEADS:
-            break
-    worth = [ahead(scene, sites, head, int(sets[head]), least) for head in heads]
-    return sites.cells[heads[int(np.argmax(worth))]]
+def _thinned(rays: Star) -> Star:
+    part = slice(THIN // 2, None, THIN)
+    return Star(
+        rays.steps[part], rays.counts[part], rays.range_m[part], rays.sure[part],
+        max(1, rays.width // THIN),
+    )  # fmt: skip
 
 
-def _refined(scene: Scene, place: Ints, least: float) -> tuple[tuple[int, int], int, float]:
-    """Return the best cell about a place, with its best look's first ray and gain."""
+def _dearest(router: Router, best: float, least: float) -> tuple[Prices, Route]:
+    """Return a route at the highest prices at which one is worth them.
+
+    That of a look comes down more slowly: what shows little waits, while more is not too far.
+    """
+    prices = Prices(max(least, LOOK_PRICE * best), METRE_PRICE * best)
+    while True:
+        route = router.best(prices)
+        if route:
+            return prices, route
+        prices = Prices(LOOK_CHEAPER * prices.look, METRE_CHEAPER * prices.metre)
+
+
+def _refined(
+    scene: Scene, router: Router, prospects: Prospects, route: Route, prices: Prices
+) -> tuple[tuple[int, int], int, float]:
+    """Return the best cell about a route's first place, with its best look's first ray and gain."""
+    stop, cell_m = route[0], scene.view.frame.cell_m
+    left = router.left_by(route[1:]).reshape(scene.view.frame.shape)
+    onward_m = np.zeros(scene.view.frame.shape)
+    if len(route) > 1:
+        after = prospects.places[route[1].place]
+        onward_m, _ = paths.travel_field(scene.cost, after[None], cell_m)
+    place, looks = prospects.places[stop.place], len(stop.looks)
     first, gain = 0, 0.0
     for half, step in REFINED:
-        side = np.arange(-half, half + 1, step)
-        around = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2) + place
-        around = np.concatenate((place[None], around))
-        inside = ((around >= 0) & (around < np.array(scene.view.frame.shape))).all(axis=1)
-        around = around[inside]
-        around = around[np.isfinite(_ways_m(scene, around))]
-        sites = survey(scene, scene.worth, around, least)
-        rate, sets = rates(sites, _ways_m(scene, around))
-        best = int(rate.argmax())
-        place, first = around[best], int(sites.first[best, sets[best], 0])
-        gain = float(sites.gain[best, sets[best], 0])
+        around = _around(scene, place, half, step)
+        ring = sectors(gains(scene.through, scene.lacking, left, scene.rays, around, related=True))
+        shown, firsts = look_sets(ring, prospects.width, looks)
+        row, col = around[:, 0], around[:, 1]
+        way_m = scene.way_m[row, col] + onward_m[row, col]
+        best = int(np.argmax(shown[:, -1].sum(axis=1) - prices.metre * way_m))
+        place = around[best]
+        first, gain = COARSE * int(firsts[best, -1, 0]), float(shown[best, -1, 0])
     return (int(place[0]), int(place[1])), first, gain
+
+
+def _around(scene: Scene, place: Ints, half: int, step: int) -> Ints:
+    """Return the cells (N, 2) about a place that can be driven to, itself first."""
+    side = np.arange(-half, half + 1, step)
+    square = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
+    around = np.concatenate((place[None], place + square))
+    inside = ((around >= 0) & (around < np.array(scene.view.frame.shape))).all(axis=1)
+    around = around[inside]
+    return around[np.isfinite(scene.way_m[around[:, 0], around[:, 1]])]

@@ -15,6 +15,7 @@ from agents.ports import Exposure, Sighting
 from agents.settings import SensorSettings
 from agents.stereo.calibration import Calibration, pinhole
 from agents.stereo.conditions import ill_conditions
+from agents.stereo.finding import Finder, Found, NotFound
 from agents.stereo.matching import Grey, Matched, MatchSettings, match
 from agents.stereo.points import cloud
 from agents.stereo.settings import StereoSettings
@@ -23,6 +24,9 @@ from agents.stereo.tags import TagSearch, TagSighting, find_robots
 ROCKS = 0.3
 MATE_RADIUS_M, MATE_TOP_M = 0.55, 2.2
 """Points this near to a sighted team-mate's axis, and up to this high, are its own: no ground."""
+
+ROOM_M = 0.3
+"""So far about a landmark's shape points are taken for its own."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +72,12 @@ def see(
     sensor: SensorSettings,
     stereo: StereoSettings,
     mates: Mapping[int, str],
+    shapes: Mapping[str, Finder] | None = None,
 ) -> Seen:
-    """Return what a pair of images says; `mates` are the other robots' names by their numbers."""
+    """Return what a pair of images says; `mates` are the other robots' names by their numbers.
+
+    `shapes` are landmarks of known geometry, by name.
+    """
     calibration = calibration_of(sensor, stereo)
     most = largest_disparity_px(sensor, calibration, look.tilt_rad)
     matched = match(left, right, MatchSettings(max_disparity_px=most))
@@ -90,14 +98,25 @@ def see(
         points_m, [*feet_m, *(turn @ about + eye_m for r in tags.refused for about in r.about_m)]
     )
     kept &= np.linalg.norm(found.points_m, axis=1) <= sensor.range_m
+    sigma_m = found.sigma_along_m()
+    marks: list[Sighting] = []
+    told: list[str] = []
+    for name, finder in sorted((shapes or {}).items()):
+        answer = finder.find(points_m[kept], sigma_m[kept], eye_m)
+        if isinstance(answer, NotFound):
+            told += [f"{name}: {answer.reason}"] if answer.reason else []
+            continue
+        marks.append(_mark(name, answer, eye_m, sensor))
+        size_m = (finder.shape.radius_m + ROOM_M, finder.shape.height_m + ROOM_M)
+        kept &= _off(points_m, answer.foot_m, *size_m)
     exposure = Exposure(
         look.t_s,
         look.pan_rad,
         look.tilt_rad,
         points_m[kept],
-        found.sigma_along_m()[kept],
-        tuple(sorted(sightings, key=lambda s: s.name)),
-        ill=(*ill_conditions(left, right, matched), *_refused(tags, mates)),
+        sigma_m[kept],
+        tuple(sorted((*sightings, *marks), key=lambda s: s.name)),
+        ill=(*ill_conditions(left, right, matched), *_refused(tags, mates), *told),
     )
     return Seen(exposure, matched, tags)
 
@@ -122,10 +141,30 @@ def _refused(tags: TagSearch, mates: Mapping[int, str]) -> list[str]:
 def _ground(points_m: Floats, feet_m: Sequence[Floats]) -> Bools:
     """Say which points (N, 3) are not on a robot that stands at one of the feet (3,)."""
     kept = np.ones(points_m.shape[0], dtype=np.bool_)
-    for x, y, z in feet_m:
-        aside = np.hypot(points_m[:, 0] - x, points_m[:, 1] - y)
-        kept &= (aside > MATE_RADIUS_M) | (points_m[:, 2] - z > MATE_TOP_M)
+    for foot_m in feet_m:
+        kept &= _off(points_m, foot_m, MATE_RADIUS_M, MATE_TOP_M)
     return kept
+
+
+def _off(points_m: Floats, foot_m: Floats, radius_m: float, top_m: float) -> Bools:
+    """Say which points (N, 3) are not within an upright cylinder on a foot (3,)."""
+    aside = np.hypot(points_m[:, 0] - foot_m[0], points_m[:, 1] - foot_m[1])
+    return (aside > radius_m) | (points_m[:, 2] - foot_m[2] > top_m)
+
+
+def _mark(name: str, found: Found, eye_m: Floats, sensor: SensorSettings) -> Sighting:
+    """Turn a landmark that was found into a sighting; to it comes the arm's levelling error."""
+    covariance = found.covariance.copy()
+    covariance[:3, :3] += _level_covariance(found.foot_m - eye_m, sensor)
+    x, y, z = (float(v) for v in found.foot_m)
+    return Sighting(name, (x, y, z), wrap_angle(found.yaw_rad), covariance)
+
+
+def _level_covariance(from_eye_m: Floats, sensor: SensorSettings) -> Floats:
+    """Return the covariance (3, 3) of a place by the levelling error, a turn about the eye."""
+    x, y, z = from_eye_m
+    lever = np.array([[0.0, z], [-z, 0.0], [y, -x]])
+    return math.radians(sensor.attitude_sigma_deg) ** 2 * lever @ lever.T
 
 
 def _sighting(
@@ -143,9 +182,7 @@ def _sighting(
     mixed[3, :3] = turn[2]  # a turn about the vertical is what changes the yaw
     covariance = mixed @ found.covariance @ mixed.T
     covariance[3, 3] = lean[2, 2]
-    x, y, z = offset_m - eye_m
-    lever = np.array([[0.0, z], [-z, 0.0], [y, -x]])
-    covariance[:3, :3] += math.radians(sensor.attitude_sigma_deg) ** 2 * lever @ lever.T
+    covariance[:3, :3] += _level_covariance(offset_m - eye_m, sensor)
     covariance += np.diag([1e-6, 1e-6, 1e-6, _YAW_FLOOR_RAD**2])
     return Sighting(
         name,

@@ -14,6 +14,7 @@ They are those of `agents.planar.methods` in space: all rate the same finite sam
 """
 
 import math
+from abc import ABC, abstractmethod
 from typing import Protocol
 
 import numpy as np
@@ -43,8 +44,8 @@ class VoxelMethod(Protocol):
         ...
 
 
-class _Paper:
-    """What all share: candidates, stop and rating. Cells are told apart as new (0), old (1)."""
+class _Sampled(ABC):
+    """What all share: candidates and stop. Cells are told apart as new (0), old (1)."""
 
     def __init__(self, means: Means) -> None:
         self._means = means
@@ -78,10 +79,19 @@ class _Paper:
         of = np.where(scene.mapped, 1, np.where(scene.interest < DULL, 2, 0)).astype(np.uint8)
         return Kinds(of, 0, np.tile(np.arange(3, dtype=np.int64), (DISTANCES, 1)), 3)
 
+    @abstractmethod
     def _pick(
         self, scene: Scene, places: Ints, seen: Floats, cells: Floats, rng: np.random.Generator
     ) -> tuple[int, int, int]:
-        """Return which place, heading and tilt: here the best by Eq. 23."""
+        """Return which place, heading and tilt, of those that map so many cells (E, H, T)."""
+
+
+class _Rated(_Sampled):
+    """Those that take the look that Eq. 23 likes best; they differ in its NI."""
+
+    def _pick(
+        self, scene: Scene, places: Ints, seen: Floats, cells: Floats, rng: np.random.Generator
+    ) -> tuple[int, int, int]:
         worth = self._worth(scene, seen)
         worthy = (cells >= self._means.planner.min_gain_cells) & (worth > 0)
         if not worthy.any():
@@ -90,9 +100,9 @@ class _Paper:
         place, heading, tilt = np.unravel_index(int(np.argmax(rating)), rating.shape)
         return int(place), int(heading), int(tilt)
 
+    @abstractmethod
     def _worth(self, scene: Scene, seen: Floats) -> Floats:
         """Return NI (E, H, T) of Eq. 23, of the cells of each class in view (E, H, T, classes)."""
-        raise NotImplementedError
 
 
 def rated(scene: Scene, places: Ints, worth: Floats) -> Floats:
@@ -112,7 +122,7 @@ def rated(scene: Scene, places: Ints, worth: Floats) -> Floats:
     )
 
 
-class Random(_Paper):
+class Random(_Sampled):
     """Method (i): any candidate, all equally likely."""
 
     def _pick(
@@ -122,7 +132,7 @@ class Random(_Paper):
         return place, heading, tilt
 
 
-class Raster(_Paper):
+class Raster(_Sampled):
     """Method (ii): the next place in raster order where no look was taken yet."""
 
     def __init__(self, means: Means) -> None:
@@ -151,14 +161,14 @@ class Raster(_Paper):
         return place, heading, tilt
 
 
-class MaxNew(_Paper):
+class MaxNew(_Rated):
     """Method (iii): the largest expected unmapped region, known occlusions accounted for."""
 
     def _worth(self, scene: Scene, seen: Floats) -> Floats:
         return seen[..., 0]
 
 
-class MinOld(_Paper):
+class MinOld(_Rated):
     """Method (iv), the frontier strategy: the smallest mapped region in view."""
 
     def _worth(self, scene: Scene, seen: Floats) -> Floats:
@@ -166,7 +176,7 @@ class MinOld(_Paper):
         return np.where(new > 0, new / np.maximum(new + old, 1.0), 0.0)
 
 
-class Histogrammed(_Paper):
+class Histogrammed(_Rated):
     """Method (v): Eq. 8, bins of p weighted by their own entropy, known and unknown apart."""
 
     def _kinds(self, scene: Scene) -> Kinds:
@@ -190,7 +200,7 @@ def _binned(scene: Scene, bins: Ints) -> Kinds:
     return Kinds(of, BINS + BINS // 2, classes, 2 * BINS)
 
 
-class Stretched(_Paper):
+class Stretched(_Rated):
     """Method (v) by Eq. 6, over probabilities stretched by certainty and distance (Eq. 7)."""
 
     def _kinds(self, scene: Scene) -> Kinds:

@@ -4,14 +4,16 @@ An invariant takes the evidence of a run and returns one sentence for each thing
 """
 
 from collections import Counter, defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from agents.geometry import Floats
+from agents.layers import Anchor
 from agents.maps.elevation import UNIFORM
+from agents.store import AnchorKey
 from comms.faults import Verdict
 from comms.profiles import resolve
 from scenarios.chaos.trial import Evidence
@@ -69,11 +71,11 @@ def no_cell_lost(evidence: Evidence) -> list[str]:
 
 def nothing_counted_twice(evidence: Evidence) -> list[str]:
     """No map is surer of a cell than all that was ever measured there makes it."""
-    most = _most_information(evidence)
     broken: list[str] = []
     for final in evidence.finals:
         if final.sigma_m is None or final.state != "alive":
             continue
+        most = _most_information(evidence, final.moved)
         information = 1.0 / np.maximum(final.sigma_m.astype(np.float64), 1e-9) ** 2
         information[~np.isfinite(final.sigma_m)] = 0.0
         excess = information - most * (1 + SURE)
@@ -87,18 +89,19 @@ def nothing_counted_twice(evidence: Evidence) -> list[str]:
     return broken
 
 
-def _most_information(evidence: Evidence) -> Floats:
+def _most_information(evidence: Evidence, moved: Mapping[AnchorKey, Anchor]) -> Floats:
     """Return the most information (rows, cols), 1/m^2, that a map of the team may claim.
 
-    Robots measure independently: theirs adds up. Of one robot's measurements each life's part may
-    have been sent by itself, with the codec's error added to it.
+    `moved` are the submaps that it lays elsewhere than they were drawn. Robots measure
+    independently: theirs adds up. Of one robot's measurements each life's part may have been sent
+    by itself, with the codec's error added to it.
     """
     scenario = evidence.scenario
     exact = scenario.sharing.policy not in ("value", "latest-first")
     codec_m2 = 0.0 if exact else scenario.map.max_error_m**2 * UNIFORM
     most = 0.0
     for actor in evidence.actors:
-        measured = evidence.ledger.information(actor.name)
+        measured = evidence.ledger.laid(actor.name, moved)
         lives = max(1, actor.lives)
         most = most + lives * measured / (lives + codec_m2 * measured)
     return np.asarray(most, dtype=np.float64)

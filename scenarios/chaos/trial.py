@@ -57,7 +57,7 @@ class _Watched(VirtualRun):
 
     def __init__(self, stage: Stage, out: Path, crew: Crew) -> None:
         super().__init__(stage, out, crew, LiveView("", quiet=True))
-        self.ledger = Ledger(stage.terrain.frame.shape)
+        self.ledger = Ledger(stage.terrain.frame)
         self.tethers: dict[str, list[Segment]] = {}
         self.freezes_s: dict[str, list[float]] = {}
         self._anchors = [n for n, robot in stage.scenario.robots.items() if robot.role == "anchor"]

@@ -1,12 +1,13 @@
 """`ropeteam run`: a scenario, from a name or a file to its records."""
 
 import argparse
+import errno
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from scenarios.commands.parsing import OK, Commands, number, whole
 from scenarios.commands.places import add_places, crew_on_hosts
-from scenarios.errors import ScenarioError, UsageError
+from scenarios.errors import FolderError, ScenarioError, UsageError
 
 if TYPE_CHECKING:
     from scenarios.overrides import Override
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from scenarios.schema import Scenario
     from scenarios.view.livepage import LivePage
 
+DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
+"""What a disk says that takes no more."""
 EXAMPLES = """\
 examples:
   ropeteam list                               what can be run
@@ -95,6 +98,10 @@ def _run(args: argparse.Namespace) -> int:
         run(scenario, out, RunOptions(**how, page=page, beside=beside, crew_of=crew_of))
     except WorldError as error:
         raise ScenarioError([f"{args.scenario}: {error}"]) from error
+    except OSError as error:
+        if error.errno not in DISK:
+            raise
+        raise FolderError(f"{out}: takes no more files of this run: {error.strerror}") from error
     return OK
 
 

@@ -20,6 +20,7 @@ def conclude(rows: Sequence[Row]) -> Findings:
     return Findings(
         (_end_table(rows), _step_table(rows)),
         (
+            _drift_claim(rows),
             _growth_claim(rows),
             _nearer_claim(rows),
             _more_claim(rows),
@@ -105,6 +106,26 @@ def _step_table(rows: Sequence[Row]) -> Table:
 def _slope(x: Sequence[float], y: Sequence[float]) -> float:
     """Return the power of x with which y grows."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
+
+
+def _drift_claim(rows: Sequence[Row]) -> Claim:
+    ends, near = _ends(rows), distinct(rows, "distance_m")[0]
+    far_m = distinct(rows, "travelled_m")[-1]
+    shares = [
+        100 * typical(chosen(ends, "path", distance_m=near, fiducials=n), OURS) / far_m
+        for n in distinct(rows, "fiducials")
+    ]
+    told = ", ".join(
+        f"{share:.2f} % with {n:.0f}"
+        for share, n in zip(shares, distinct(rows, "fiducials"), strict=True)
+    )
+    return Claim(
+        f"With the most fiducials at {MM * near:.0f} mm the drift is below 1 % of the way",
+        "ours",
+        shares[-1] < 1.0,
+        shares[-1],
+        f"After {far_m:g} m it was {told} fiducials (medians over seeds).",
+    )
 
 
 def _growth_claim(rows: Sequence[Row]) -> Claim:

@@ -6,7 +6,7 @@ that leave its view, and adds motion to motion. Some tracks are false.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,8 +63,8 @@ class Course:
 
 
 @dataclass(frozen=True)
-class _Camera:
-    """Where the camera is: world_from_camera."""
+class Camera:
+    """Where a camera is: world_from_camera."""
 
     place_m: Floats
     attitude: Floats
@@ -97,20 +97,27 @@ def walk(course: Course, rng: np.random.Generator) -> Iterator[Row]:
         tracks = _tracks(frame, following, course, rng)
         try:
             found = find_motion(tracks, rng)
-            steps = _motions(tracks, found)
+            steps = motions_of(tracks, found)
         except EgomotionError:
             found = None
             steps = dict.fromkeys(WAYS, _commanded(course))
         chains = {way: steps[way].inverse().then(chains[way]) for way in WAYS}
         row: Row = {"motion": k, "tracked": len(tracks.before_m), "lost": found is None}
-        for way in WAYS:
-            off_m = chains[way].translation_m - camera.place_m
-            row[f"{way} error_m"] = float(np.linalg.norm(off_m))
-        row["said_m"] = math.sqrt(float(np.trace(chains["refined"].covariance[:3, :3])))
+        row |= errors_of(chains, camera)
         if found is not None and k % RUNNING_EVERY == 0:
-            row |= _running(tracks, found, cameras[k - 1], camera)
+            row |= running_of(tracks, found, cameras[k - 1], camera)
         yield row
         frame = following
+
+
+def errors_of(chains: Mapping[str, Motion], camera: Camera) -> Row:
+    """Return how far each way's chain of motions is off a camera's true place, and what it says."""
+    row: Row = {}
+    for way in WAYS:
+        off_m = chains[way].translation_m - camera.place_m
+        row[f"{way} error_m"] = float(np.linalg.norm(off_m))
+    row["said_m"] = math.sqrt(float(np.trace(chains["refined"].covariance[:3, :3])))
+    return row
 
 
 def _fiducials(course: Course, rng: np.random.Generator) -> Floats:
@@ -123,12 +130,12 @@ def _fiducials(course: Course, rng: np.random.Generator) -> Floats:
     return np.column_stack((x, y, x * np.tan(rng.uniform(-HALF_VIEW_RAD, HALF_VIEW_RAD, m))))
 
 
-def _path(course: Course, rng: np.random.Generator) -> list[_Camera]:
+def _path(course: Course, rng: np.random.Generator) -> list[Camera]:
     n = course.motions + 1
     places = rng.normal(0.0, TREMBLE_SHARE * course.step_m, (n, 3))
     places[:, 1] += course.step_m * np.arange(n)
     turns = rotations.from_vector(rng.normal(0.0, TREMBLE_RAD, (n, 3)))
-    return [_Camera(place, turn) for place, turn in zip(places, turns, strict=True)]
+    return [Camera(place, turn) for place, turn in zip(places, turns, strict=True)]
 
 
 def _within(points_m: Floats, half_rad: float, inset_m: float = 0.0) -> Bools:
@@ -138,7 +145,7 @@ def _within(points_m: Floats, half_rad: float, inset_m: float = 0.0) -> Bools:
 
 
 def _frame(
-    world_m: Floats, course: Course, camera: _Camera, former: Ints, rng: np.random.Generator
+    world_m: Floats, course: Course, camera: Camera, former: Ints, rng: np.random.Generator
 ) -> _Frame:
     """Measure the former fiducials that are in view, and new ones for those about to leave it."""
     true_m = camera.sees(world_m)
@@ -174,7 +181,7 @@ def _tracks(before: _Frame, after: _Frame, course: Course, rng: np.random.Genera
     )
 
 
-def _motions(tracks: Tracks, found: Found) -> dict[str, Motion]:
+def motions_of(tracks: Tracks, found: Found) -> dict[str, Motion]:
     """Return the motion by each way, all from the points that RANSAC kept."""
     kept = tracks.only(found.inliers)
     uncertain = 3.0 / np.trace(kept.before_noise + kept.after_noise, axis1=1, axis2=2)
@@ -192,7 +199,7 @@ def _commanded(course: Course) -> Motion:
     )
 
 
-def _running(tracks: Tracks, found: Found, was: _Camera, now: _Camera) -> Row:
+def running_of(tracks: Tracks, found: Found, was: Camera, now: Camera) -> Row:
     """Return how far one motion by Eq. 13 is off, what its covariance says, and ours likewise."""
     kept = tracks.only(found.inliers)
     try:

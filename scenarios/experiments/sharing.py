@@ -37,6 +37,8 @@ JOIN_S = 1500.0
 """A latecomer joins when the map has been finished for some time."""
 MISSION_S = {"cliff": 1200.0, "pair": 3000.0}
 SERIES_S = 30.0
+SAMPLE_S = {"catch-up": 2.0, "lag": 5.0, "mission": 5.0}
+"""How often maps are weighed."""
 CAUGHT_UP = 0.9
 PARTS = ("catch-up", "lag", "mission")
 
@@ -86,7 +88,8 @@ def _of_seed(seed: int, parts: Sequence[str], sets: tuple[str, ...]) -> Iterator
 
 def scenario_of(trial: Trial) -> Scenario:
     """Return what is run; Sojourner's radio at the rate that is asked for."""
-    sets = ["air=memory", "sample_s=1", f"sharing.policy={trial.policy}", *trial.sets]
+    sample = f"sample_s={SAMPLE_S[trial.part]:g}"
+    sets = ["air=memory", sample, f"sharing.policy={trial.policy}", *trial.sets]
     if trial.part == "catch-up":
         # The map is made over an unlimited link, which becomes thin as the latecomer joins.
         thin = f'{{at_s = {JOIN_S:g}, link = "all", profile = "sojourner"}}'

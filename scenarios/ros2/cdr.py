@@ -15,7 +15,7 @@ from scenarios.ros2.types import fields_of, full_name
 HEADER = b"\x00\x01\x00\x00"
 """CDR, little-endian, no options. What follows is aligned to its own beginning."""
 
-_CODES = {
+CODES = {
     "bool": "?",
     "byte": "B",
     "char": "B",
@@ -30,8 +30,8 @@ _CODES = {
     "float32": "f",
     "float64": "d",
 }
-_NUMBERS = {name: struct.Struct(f"<{code}") for name, code in _CODES.items()}
-_DTYPES = {name: np.dtype(f"<{code}") for name, code in _CODES.items()}
+_NUMBERS = {name: struct.Struct(f"<{code}") for name, code in CODES.items()}
+_DTYPES = {name: np.dtype(f"<{code}") for name, code in CODES.items()}
 _COUNT = struct.Struct("<I")
 
 Write = Callable[[bytearray, Any], None]

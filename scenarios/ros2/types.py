@@ -1,4 +1,4 @@
-"""The ROS 2 message types that we write: their definitions, and the names that ROS knows them by.
+"""The ROS 2 message types that we write and read: definitions, and the names ROS knows them by.
 
 Definitions are those of the ROS 2 packages they are named after (comments left out), but for
 `ropeteam_msgs`, which is ours. A type hash (RIHS01, REP 2016) says that both ends mean the same
@@ -23,6 +23,9 @@ DEFINITIONS = {
     ),
     "geometry_msgs/msg/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose",
     "geometry_msgs/msg/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance",
+    "geometry_msgs/msg/PoseWithCovarianceStamped": (
+        "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose"
+    ),
     "geometry_msgs/msg/Twist": "geometry_msgs/Vector3 linear\ngeometry_msgs/Vector3 angular",
     "geometry_msgs/msg/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance",
     "geometry_msgs/msg/Transform": (
@@ -51,6 +54,18 @@ DEFINITIONS = {
     "sensor_msgs/msg/PointCloud2": (
         "std_msgs/Header header\nuint32 height\nuint32 width\nsensor_msgs/PointField[] fields\n"
         "bool is_bigendian\nuint32 point_step\nuint32 row_step\nuint8[] data\nbool is_dense"
+    ),
+    "sensor_msgs/msg/Image": (
+        "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\n"
+        "uint8 is_bigendian\nuint32 step\nuint8[] data"
+    ),
+    "sensor_msgs/msg/RegionOfInterest": (
+        "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify"
+    ),
+    "sensor_msgs/msg/CameraInfo": (
+        "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\n"
+        "float64[] d\nfloat64[9] k\nfloat64[9] r\nfloat64[12] p\nuint32 binning_x\n"
+        "uint32 binning_y\nsensor_msgs/RegionOfInterest roi"
     ),
     "sensor_msgs/msg/CompressedImage": "std_msgs/Header header\nstring format\nuint8[] data",
     "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms",

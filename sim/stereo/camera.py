@@ -8,13 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Floats, Pose
-from agents.ports import Exposure
+from agents.ports import Exposure, Glance
 from agents.settings import SensorSettings
 from agents.stereo.eyes import Look, Seen, calibration_of, left_eye_m, level_from_camera, see
+from agents.stereo.finding import Finder
 from agents.stereo.settings import StereoSettings
+from agents.stereo.shape import Shape, shape_of
 from comms.timebase import now_ns, to_s
 from sim.ground import Terrain
-from sim.stereo.mesh import Mesh, lander_mesh, placed, robot_mesh
+from sim.stereo.mesh import Mesh, lander_mesh, placed, robot_mesh, shape_mesh
 from sim.stereo.scene import World, origin_of
 from sim.stereo.settings import LensSettings, LightSettings
 from sim.stereo.shoot import Aim, Shot, shoot
@@ -30,7 +32,9 @@ class Stage:
     light: LightSettings
     lens: LensSettings
     bodies: Mapping[str, Mesh]
-    """Robots in their own frames, by name."""
+    """Robots and landmarks in their own frames, by name."""
+    shapes: Mapping[str, Shape]
+    """Those among them that bear no tags, but are known by their shape."""
 
 
 def make_stage(
@@ -41,13 +45,24 @@ def make_stage(
     light: LightSettings | None = None,
     lens: LensSettings | None = None,
     landmark: Pose | None = None,
+    meshes: Mapping[str, str] | None = None,
 ) -> Stage:
-    """Return the stage of a run; robots are numbered by name, and 0 in `masts_m` is no mast."""
+    """Return the stage of a run; robots are numbered by name, and 0 in `masts_m` is no mast.
+
+    `meshes` are the models (`agents.stereo.shape.shape_of`) of those who look like no robot.
+    """
     still = [] if landmark is None else [placed(lander_mesh(), landmark, origin_of(terrain))]
     numbers = {name: number for number, name in enumerate(sorted(masts_m))}
     bodies = {name: robot_mesh(numbers[name], masts_m[name]) for name in sorted(masts_m)}
+    shapes = {name: shape_of(model) for name, model in sorted((meshes or {}).items())}
+    bodies |= {name: shape_mesh(shape) for name, shape in shapes.items()}
     return Stage(
-        World(terrain, still), salt, light or LightSettings(), lens or LensSettings(), bodies
+        World(terrain, still),
+        salt,
+        light or LightSettings(),
+        lens or LensSettings(),
+        bodies,
+        shapes,
     )
 
 
@@ -129,28 +144,19 @@ class StereoCamera:
         self._rng = rng
         self.kept = kept
         self._mates = {
-            number: mate for number, mate in enumerate(sorted(stage.bodies)) if mate != name
+            number: mate
+            for number, mate in enumerate(sorted(stage.bodies))
+            if mate != name and mate not in stage.shapes
         }
+        self._finders = {mark: Finder(shape) for mark, shape in stage.shapes.items()}
         u_px, v_px = rng.normal(0.0, stage.lens.vergence_sigma_px, 2)
         self._vergence_px = (float(u_px), float(v_px))
 
     async def look(self, pan_rad: float, tilt_rad: float) -> Exposure:
         """Take `sensor.look_s` to point and see; the exposure is of the moment when it ends."""
         await asyncio.sleep(self._sensor.look_s)
-        t_ns = now_ns()
-        look = Look(to_s(t_ns), pan_rad, tilt_rad)
-        # Rendering and matching take most of a second of a core: the radio must not wait for it.
-        shot = await asyncio.to_thread(
-            take,
-            self._stage,
-            self._sensor,
-            self._sensor.stereo,
-            self._pose_now(),
-            look,
-            others=self._others(t_ns),
-            rng=self._rng,
-            vergence_px=self._vergence_px,
-        )
+        look = Look(to_s(now_ns()), pan_rad, tilt_rad)
+        shot = await self._taken(look, self._sensor.stereo, self._vergence_px)
         seen = await asyncio.to_thread(
             see,
             shot.left,
@@ -159,6 +165,33 @@ class StereoCamera:
             sensor=self._sensor,
             stereo=self._sensor.stereo,
             mates=self._mates,
+            shapes=self._finders,
         )
         self.kept(shot, seen)
         return seen.exposure
+
+    async def glance(self, pan_rad: float, tilt_rad: float) -> Glance:
+        """`agents.ports.Eyes`: take `sensor.stereo.glance_s` to point and take a smaller pair."""
+        stereo = self._sensor.stereo
+        await asyncio.sleep(stereo.glance_s)
+        look = Look(to_s(now_ns()), pan_rad, tilt_rad)
+        u_px, v_px = self._vergence_px
+        vergence_px = (u_px / stereo.glance_binning, v_px / stereo.glance_binning)
+        shot = await self._taken(look, stereo.glanced(), vergence_px)
+        return Glance(pan_rad, tilt_rad, shot.left, shot.right)
+
+    async def _taken(
+        self, look: Look, stereo: StereoSettings, vergence_px: tuple[float, float]
+    ) -> Shot:
+        """Render a pair; it takes a good part of a second, for which the radio must not wait."""
+        return await asyncio.to_thread(
+            take,
+            self._stage,
+            self._sensor,
+            stereo,
+            self._pose_now(),
+            look,
+            others=self._others(now_ns()),
+            rng=self._rng,
+            vergence_px=vergence_px,
+        )

@@ -5,13 +5,14 @@ of millimetres.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Floats, Pose
+from agents.stereo.shape import Shape, box_triangles, shape_of
 from agents.stereo.tagmodel import PANEL_M, panels
 from sim.ground import Terrain
 
@@ -90,22 +91,9 @@ def _corners(grid: NDArray[Cell]) -> list[NDArray[Cell]]:
     return [g.ravel() for g in (grid[:-1, :-1], grid[:-1, 1:], grid[1:, :-1], grid[1:, 1:])]
 
 
-_BOX_FACES = np.array(
-    [
-        *((0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7), (0, 1, 5), (0, 5, 4)),
-        *((1, 2, 6), (1, 6, 5), (2, 3, 7), (2, 7, 6), (3, 0, 4), (3, 4, 7)),
-    ],
-    dtype=np.int32,
-)
-
-
 def box(size_m: Sequence[float], centre_m: Sequence[float], albedo: float, pebbled: bool) -> Mesh:
     """Return an upright box."""
-    signs = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
-    corners = np.array([(x, y, z) for z in (-1, 1) for x, y in signs], dtype=np.float64)
-    return plain(
-        corners * np.asarray(size_m) / 2 + np.asarray(centre_m), _BOX_FACES, albedo, pebbled
-    )
+    return plain(*box_triangles(size_m, centre_m), albedo, pebbled)
 
 
 def _panel_mesh(robot: int) -> Mesh:
@@ -144,26 +132,15 @@ def robot_mesh(robot: int, mast_m: float) -> Mesh:
     return joined(parts)
 
 
-def lander_mesh() -> Mesh:
-    """Return the landmark, in its own frame: a lander of two decks on four legs, two solar panels.
+def shape_mesh(shape: Shape) -> Mesh:
+    """Return a landmark of known geometry, in its own frame."""
+    mesh = plain(shape.vertices_m, shape.faces, 1.0, pebbled=True)
+    return replace(mesh, albedo=shape.albedo)
 
-    Its base is on the ground, x and y from its middle. It has no symmetry, so that its pose is
-    unique: one solar panel is longer, and a mast stands at one corner.
-    """
-    legs = [
-        box((0.08, 0.08, 0.5), (x, y, 0.25), 0.5, True) for x in (-0.5, 0.5) for y in (-0.5, 0.5)
-    ]
-    return joined(
-        [
-            *legs,
-            box((1.2, 1.2, 0.3), (0, 0, 0.6), 0.6, True),
-            box((0.7, 0.7, 0.4), (0.1, 0, 0.95), 0.75, True),
-            box((0.9, 1.6, 0.03), (0, 1.45, 0.72), 0.12, True),
-            box((0.9, 1.0, 0.03), (0, -1.15, 0.72), 0.12, True),
-            box((0.06, 0.06, 0.9), (-0.5, 0.5, 1.2), 0.5, True),
-            box((0.3, 0.05, 0.3), (-0.5, 0.5, 1.75), 0.85, True),
-        ]
-    )
+
+def lander_mesh() -> Mesh:
+    """Return the built-in lander."""
+    return shape_mesh(shape_of("lander"))
 
 
 def placed(mesh: Mesh, pose: Pose, origin_m: Floats) -> Mesh:

@@ -23,7 +23,7 @@ export class Chart {
     this.xLabel = xLabel;
     this.look = look;
     this.onPick = onPick;
-    this.size = new ResizeObserver(() => this.fit());
+    this.size = new ResizeObserver(() => requestAnimationFrame(() => this.fit()));
     this.size.observe(this.body);
   }
 

@@ -28,7 +28,7 @@ export class Page {
     this.theme = readTheme();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());
     document.addEventListener("keydown", (event) => this.key(event));
-    new ResizeObserver(() => this.draw()).observe(root);
+    new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(root);
   }
 
   // --- what is on the page ---------------------------------------------------------------

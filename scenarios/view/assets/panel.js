@@ -3,6 +3,7 @@
 import { Picture } from "ropeteam/shade";
 
 const PAD = 10; // CSS pixels around a map
+const LINE_PX = 13; // height of a line of words
 const REPAINT_MS = 120; // while time runs, maps are painted anew no more often
 
 export const KIND_COLOURS = {
@@ -43,6 +44,7 @@ export class Panel {
     }
     this.ink.setTransform(ratio, 0, 0, ratio, 0, 0);
     this.ink.clearRect(0, 0, width, height);
+    this.taken = []; // boxes of words: left, right, top, bottom
     const [, , wide, high] = this.extent;
     this.scale = Math.min((width - 2 * this.pad) / wide, (height - 2 * this.pad) / high);
     this.left = (width - wide * this.scale) / 2;
@@ -106,6 +108,20 @@ export class Panel {
     this.ink.moveTo(px, py);
     this.ink.arc(px, py, sensor.range_m * this.scale, -heading - half, -heading + half);
     this.ink.closePath();
+  }
+
+  // Writes words at the first height, of some from a point, where they cover none that were so
+  // written before; returns whether there was one.
+  place(words, px, py, heights, colour, theme) {
+    const half = this.ink.measureText(words).width / 2 + 2;
+    for (const height of heights) {
+      const box = [px - half, px + half, py + height - LINE_PX / 2, py + height + LINE_PX / 2];
+      if (this.taken.some((b) => b[0] < box[1] && box[0] < b[1] && b[2] < box[3] && box[2] < b[3])) continue;
+      this.taken.push(box);
+      this.text(words, px, py + height, colour, theme, "center");
+      return true;
+    }
+    return false;
   }
 
   text(words, px, py, colour, theme, align = "left") {

@@ -4,6 +4,9 @@ import { bytesText } from "ropeteam/model";
 import { Panel, cross, kindColour } from "ropeteam/panel";
 import { Picture, colourRange } from "ropeteam/shade";
 
+const BELOW = [17, 30, -17]; // where a robot's name stands, from its mark, in CSS pixels
+const ABOVE = [-18, -31]; // where it is told what a robot sends, if there is room
+
 // The large panel.
 export class World extends Panel {
   constructor(canvas, run) {
@@ -55,8 +58,10 @@ export class World extends Panel {
     this.tethers(t, theme);
     for (const robot of this.run.robots) this.view(robot, t);
     this.ink.restore();
+    this.said = [];
     this.links(t, slack_s, theme);
     for (const robot of this.run.robots) this.robot(robot, t, theme);
+    for (const [words, px, py, colour] of this.said) this.place(words, px, py, ABOVE, colour, theme);
     this.ruler(theme);
   }
 
@@ -174,7 +179,7 @@ export class World extends Panel {
       }
       if (told.size < 3 && !told.has(frame.from)) {
         told.add(frame.from);
-        this.text(`${frame.kind} ${bytesText(frame.bytes)}`, ax, ay - 18, kindColour(frame.kind), theme, "center");
+        this.said.push([`${frame.kind} ${bytesText(frame.bytes)}`, ax, ay, kindColour(frame.kind)]);
       }
     }
   }
@@ -200,7 +205,7 @@ export class World extends Panel {
       cross(ink, px, py, 8);
     }
     const words = state === "alive" ? robot.name : `${robot.name} (${state})`;
-    this.text(words, px, py + 17, theme.ink, theme, "center");
+    this.place(words, px, py, BELOW, theme.ink, theme) || this.text(words, px, py + BELOW[0], theme.ink, theme, "center");
   }
 
   ruler(theme) {
