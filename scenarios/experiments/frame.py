@@ -4,6 +4,7 @@ import importlib
 import json
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
@@ -168,17 +169,25 @@ def _measured(experiment: Experiment[T], trials: Sequence[T], jobs: int) -> Iter
         return
     workers = min(jobs, len(trials))
     spawning = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=spawning, initializer=_keep_to_one_core)
+    pool = ProcessPoolExecutor(workers, mp_context=spawning, initializer=_begin_worker)
     try:
         yield from pool.map(experiment.measure, trials)
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _keep_to_one_core() -> None:
-    """Leave the other cores to the other trials."""
+def _begin_worker() -> None:
+    """Leave the other cores to the other trials, and end with the experiment, if it is killed."""
     cv2 = importlib.import_module("cv2")
     cv2.setNumThreads(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
 
 
 def default_jobs() -> int:
