@@ -38,7 +38,7 @@ class Bursts:
         return bad or self._edges[at] < end_ns
 
     def _draw_to(self, t_ns: int) -> None:
-        while self._until_ns <= t_ns:
+        while self._until_ns <= t_ns or not self._edges:
             for length in self._rng.standard_exponential(DRAWN_EDGES):
                 spell_ns = max(1, round(float(length) * self._mean_ns[self._next_bad]))
                 self._until_ns += spell_ns

@@ -90,6 +90,15 @@ def slow_ratio(t_ns, values, loop, at_ns):
     return held
 
 
+@quick
+@given(st.integers(0, 400), st.integers(0, 99), st.integers(0, 50))
+def test_before_it_begins_a_link_is_as_it_is_at_first(start_ns, longer_ns, seed):
+    asked_early, asked_late = (Bursts(rng(seed), 60, 40, since_ns=500) for _ in range(2))
+    early = asked_early.meets(start_ns, start_ns + longer_ns)
+    asked_late.meets(5000, 5001)
+    assert early == asked_late.meets(500, 500)
+
+
 @settings(max_examples=100, deadline=None)
 @given(rows, st.booleans(), st.integers(0, 200), st.integers(0, 120))
 def test_a_trace_tells_the_least_ratio_of_a_span(steps, loop, start_ns, length_ns):
