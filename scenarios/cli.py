@@ -5,9 +5,12 @@ Exit codes: 0 ended in order, whatever the outcome; 1 a fault of ours; 2 bad inp
 
 import argparse
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 
 from scenarios.commands import (
     agent,
@@ -90,8 +93,9 @@ def make_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
     try:
-        args = make_parser().parse_args(argv)
-        return args.run(args)
+        with _no_ctrl_c_lost():
+            args = make_parser().parse_args(argv)
+            return args.run(args)
     except StudyError as error:
         print(error, file=sys.stderr)
         return BAD_INPUT
@@ -106,6 +110,28 @@ def main(argv: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         print("ropeteam: this is a fault of the program, not of your input", file=sys.stderr)
         return FAULT
+
+
+@contextmanager
+def _no_ctrl_c_lost() -> Generator[None]:
+    """Have a Ctrl-C that falls into a destructor or a weak reference's callback counted too.
+
+    Python prints what such code raises, and goes on.
+    """
+    told = sys.unraisablehook
+
+    def once_more(unraisable: "sys.UnraisableHookArgs") -> None:
+        if issubclass(unraisable.exc_type, KeyboardInterrupt):
+            # Not here: whatever is raised in this hook is lost as well.
+            threading.Timer(0.01, os.kill, (os.getpid(), signal.SIGINT)).start()
+        else:
+            told(unraisable)
+
+    sys.unraisablehook = once_more
+    try:
+        yield
+    finally:
+        sys.unraisablehook = told
 
 
 if __name__ == "__main__":

@@ -2,14 +2,15 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 
-from scenarios import cli, folder
+from scenarios import cli, folder, runner
 from scenarios.errors import FolderError
+from scenarios.runner import RunOptions
 from scenarios.schema import Scenario
 from sim.errors import WorldError
 
@@ -18,10 +19,10 @@ class Runs:
     """Stands in for the runner: notes what it was asked for, or fails as it is told."""
 
     def __init__(self) -> None:
-        self.calls: list[tuple[Scenario, Path, dict[str, Any]]] = []
+        self.calls: list[tuple[Scenario, Path, RunOptions]] = []
         self.fails: BaseException | None = None
 
-    def run(self, scenario: Scenario, out: Path, **options: Any) -> None:
+    def run(self, scenario: Scenario, out: Path, options: RunOptions) -> None:
         self.calls.append((scenario, out, options))
         if self.fails is not None:
             raise self.fails
@@ -30,9 +31,7 @@ class Runs:
 @pytest.fixture
 def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Runs:
     made = Runs()
-    module = ModuleType("scenarios.runner")
-    module.run = made.run  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "scenarios.runner", module)
+    monkeypatch.setattr(runner, "run", made.run)
     monkeypatch.chdir(tmp_path)
     return made
 
@@ -61,19 +60,13 @@ def test_a_run_gets_what_was_asked_for(runs: Runs) -> None:
     assert (scenario.seed, scenario.clock.mode, scenario.clock.speed) == (7, "real", 20)
     assert scenario.links.profile == "sojourner"
     assert out == Path("here")
-    assert options == {
-        "quiet": True,
-        "overwrite": False,
-        "merge": True,
-        "crew_of": None,
-        "page": None,
-        "beside": None,
-    }
+    assert options == RunOptions(quiet=True)
 
 
 def test_a_run_is_watched_as_was_asked_for(runs: Runs) -> None:
     assert exit_code("run", "cliff", "--view", "--no-browser", "--paused", "--port", "8011") == 0
-    page = runs.calls[0][2]["page"]
+    page = runs.calls[0][2].page
+    assert page is not None
     assert (page.opens, page.paused, page.port) == (False, True, 8011)
 
 
@@ -132,6 +125,23 @@ def test_a_bad_world_is_bad_input(runs: Runs, capsys: pytest.CaptureFixture[str]
 def test_ctrl_c_exits_with_130(runs: Runs) -> None:
     runs.fails = KeyboardInterrupt()
     assert exit_code("run", "cliff") == 130
+
+
+def test_a_ctrl_c_that_falls_into_a_destructor_counts(
+    runs: Runs, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class Last:
+        def __del__(self) -> None:
+            raise KeyboardInterrupt
+
+    def run(*_: object) -> None:
+        del last[:]
+        time.sleep(10)
+
+    last = [Last()]
+    monkeypatch.setattr(runner, "run", run)
+    assert exit_code("run", "cliff") == 130
+    assert capsys.readouterr().err == "interrupted\n"
 
 
 def test_a_fault_of_ours_exits_with_1_and_shows_where(
@@ -217,7 +227,7 @@ def test_a_former_run_is_replaced_only_when_asked_for_and_only_its_own_files(
         (out / name).write_text("old")
     assert "--overwrite" in refusal(capsys, "run", "cliff", "--out", "old")
     assert exit_code("run", "cliff", "--out", "old", "--overwrite") == 0
-    assert runs.calls[0][2]["overwrite"]
+    assert runs.calls[0][2].overwrite
     folder.prepare(out, overwrite=True)
     assert sorted(path.name for path in out.iterdir()) == [folder.MARK, "notes.txt"]
 
