@@ -182,4 +182,7 @@ def test_ctrl_c_twice_ends_at_once_and_leaves_nobody_behind(tmp_path: Path, air:
     _, told = process.communicate(timeout=60)
     assert process.returncode == 130
     assert told == "interrupted\n"
+    deadline_s = time.monotonic() + 10  # the servers that started the robots take a moment
+    while session_of(process.pid) and time.monotonic() < deadline_s:
+        time.sleep(0.05)
     assert session_of(process.pid) == []
