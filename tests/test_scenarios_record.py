@@ -25,8 +25,9 @@ TEAM = ("b", "a", "c")
 name = st.sampled_from(TEAM)
 time_s = st.floats(0, 1e6)
 count = st.integers(0, 10**9)
+share = st.floats(0, 1)
 rows = st.one_of(
-    st.builds(LookRow, name, *[time_s] * 6, st.floats(0, 1e6), count, count, time_s),
+    st.builds(LookRow, name, *[time_s] * 6, st.floats(0, 1e6), count, count, time_s, share),
     st.builds(TxRow, name, count, st.sampled_from(["map", "tether"]), count, *[time_s] * 3),
     st.builds(RxRow, name, name, count, time_s, st.sampled_from(["delivered", "lost"])),
     st.builds(
