@@ -23,6 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+LEAST_SHARE = 1e-3
+"""Below this nobody lacks anything."""
+
+
 def draw(figure: "Figure", rows: Sequence[Row]) -> None:
     """Draw catching up, lagging behind, and coverage by link."""
     figure.set_size_inches(16, 5.6)
@@ -36,7 +40,7 @@ def draw(figure: "Figure", rows: Sequence[Row]) -> None:
 
 
 def _draw_catch_up(axes: "Axes", runs: Sequence[Row]) -> None:
-    axes.set_title("Seconds until a latecomer holds 90 %, 2400 bps")
+    axes.set_title("Until a latecomer holds 90 %, s")
     policies = distinct(runs, "policy")
     for place, policy in enumerate(policies):
         found = [t for t in values(chosen(runs, policy=policy), "catch_up_s") if np.isfinite(t)]
@@ -51,7 +55,7 @@ def _draw_catch_up(axes: "Axes", runs: Sequence[Row]) -> None:
 
 
 def _draw_lag(axes: "Axes", series: Sequence[Row]) -> None:
-    axes.set_title("Share of what was measured that listeners lack, 2400 bps")
+    axes.set_title("What listeners lack of what was measured")
     for style, scenario in zip(("-", "--"), distinct(series, "scenario"), strict=False):
         mine = chosen(series, scenario=scenario)
         for colour, policy in zip(COLOURS, distinct(mine, "policy"), strict=False):
@@ -60,17 +64,19 @@ def _draw_lag(axes: "Axes", series: Sequence[Row]) -> None:
             means = [float(np.mean(values(chosen(told, t_s=t), "lacking_share"))) for t in times]
             minutes = [t / 60 for t in times]
             axes.plot(minutes, means, style, color=colour, label=f"{policy}, {scenario}")
-    axes.set_xlabel("simulated minutes")
+    axes.set_xlabel("simulated minutes, at 2400 bps")
     if series:
-        axes.set_ylim(0, 1)
-        axes.legend(fontsize=9)
+        axes.set_yscale("log")
+        axes.set_ylim(LEAST_SHARE, 1)
+        axes.legend(fontsize=9, ncols=2)
 
 
 def _draw_coverage(axes: "Axes", series: Sequence[Row]) -> None:
     axes.set_title("Ground mapped by a robot of `pair`, by link")
     for colour, rate_bps in zip(COLOURS, rates(series), strict=False):
         times, means = mean_coverage(series, "pair", rate_bps)
-        axes.plot([t / 60 for t in times], means, color=colour, label=rate_name(rate_bps))
+        if times:
+            axes.plot([t / 60 for t in times], means, color=colour, label=rate_name(rate_bps))
     axes.set_xlabel("simulated minutes")
     axes.grid(color=MUTED, alpha=0.2)
     if series:
