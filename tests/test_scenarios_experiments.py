@@ -85,6 +85,10 @@ def test_a_stopped_experiment_goes_on_and_finds_the_same(tmp_path: Path) -> None
 def test_an_experiment_does_not_go_on_with_something_else(tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="holds no experiment 'toy-one'"):
         frame.run("toy-one", Options(2), tmp_path / "none", jobs=1, resume=True)
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / folder.MARK).write_text("of another kind")
+    with pytest.raises(StudyError, match="holds no experiment 'toy-one'"):
+        frame.run("toy-one", Options(2), tmp_path / "run", jobs=1, resume=True)
     frame.run("toy-one", Options(2), tmp_path / "out", jobs=1)
     (tmp_path / "out" / "trials" / "experiment").write_text("another")
     with pytest.raises(StudyError, match="holds no experiment 'toy-one'"):

@@ -26,8 +26,9 @@ class Keeper:
 
         Raises FolderError.
         """
-        marked = (self._path.parent / folder.MARK).is_file()
-        if not marked or (self._path / "experiment").read_text() != self._name:
+        told = self._path / "experiment"
+        marked = (self._path.parent / folder.MARK).is_file() and told.is_file()
+        if not marked or told.read_text() != self._name:
             out, name = self._path.parent, self._name
             raise FolderError(f"--resume --out {out}: holds no experiment {name!r} to go on with")
 
