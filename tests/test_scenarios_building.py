@@ -13,14 +13,14 @@ import pytest
 
 import scenarios
 from agents import planar
+from agents.planning.strategies import STRATEGIES
 from agents.sharing import WAYS
-from agents.strategies import STRATEGIES
 from agents.voxel import choosing
 from comms.plugins import PluginError, Plugins
 from scenarios import cli
 from scenarios.jsonschema import NAMED, scenario_schema, study_schema, text
 from scenarios.schema import load
-from scenarios.shelf import LIBRARY, STUDIES
+from scenarios.schema.shelf import LIBRARY, STUDIES
 from sim.sensors import SENSORS
 from sim.terrain import TERRAINS
 

@@ -12,9 +12,9 @@ from pydantic import BaseModel
 
 from comms.profiles import resolve
 from scenarios.errors import ScenarioError
-from scenarios.overrides import Override
 from scenarios.schema import Scenario, dump, load, parse
-from scenarios.shelf import names
+from scenarios.schema.overrides import Override
+from scenarios.schema.shelf import names
 
 LIBRARY = names()
 
