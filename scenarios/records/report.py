@@ -1,5 +1,6 @@
 """What a run says at its end: what came out, per robot, and what every byte was spent on."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -73,8 +74,14 @@ def _robot_rows(robots: Mapping[str, Mapping[str, Any]]) -> list[Sequence[str]]:
             f"{100 * robot['link_busy_fraction']:.0f} %",
             f"{robot['team_cells']:,}",
         )
-        for name, robot in robots.items()
+        for name, robot in sorted(robots.items(), key=lambda item: _natural(item[0]))
     ]
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Return by what names are sorted so that explorer-2 stands before explorer-10."""
+    parts = re.findall(r"\d+|\D+", name)
+    return [(int(part), "") if part.isdigit() else (0, part) for part in parts]
 
 
 def _bytes(records: Records) -> list[str]:
@@ -88,7 +95,7 @@ def _bytes(records: Records) -> list[str]:
     totals = [sum(sizes[(name, kind)] for name in records.robots) for kind in kinds]
     rows = [
         (name, *(f"{sizes[(name, kind)]:,}" for kind in kinds))
-        for name in records.robots
+        for name in sorted(records.robots, key=_natural)
         if any(sizes[(name, kind)] for kind in kinds)
     ]
     shares = ("share", *(f"{100 * total / sum(totals):.1f} %" for total in totals))

@@ -4,9 +4,10 @@ import { bytesText } from "ropeteam/model";
 import { Panel, cross, kindColour } from "ropeteam/panel";
 import { Picture, colourRange } from "ropeteam/shade";
 
-const NAMES = [17, -18, 30, -31, 43]; // where a robot's name stands, from its mark, in CSS pixels
+// Where a robot's name stands, from its mark: to its side (-1, 0, 1), and down in CSS pixels.
+const NAMES = [[0, 17], [0, -18], [1, 0], [-1, 0], [1, 15], [-1, 15], [1, -16], [-1, -16], [0, 30], [0, -31]];
 const MARK_PX = 8; // half of what a mark takes, its turned line left aside
-const ABOVE = [-18, -31]; // where it is told what a robot sends, if there is room
+const ABOVE = [[0, -18], [0, -31]]; // where it is told what a robot sends, if there is room
 
 // The large panel.
 export class World extends Panel {
@@ -215,7 +216,8 @@ export class World extends Panel {
     const [x, y] = robot.poseAt(t);
     const [px, py] = this.at(x, y);
     const words = state === "alive" ? robot.name : `${robot.name} (${state})`;
-    this.place(words, px, py, NAMES, theme.ink, theme) || this.text(words, px, py + NAMES[0], theme.ink, theme, "center");
+    const number = robot.name.match(/\d+$/)?.[0]; // where names don't fit, colours and numbers must do
+    this.place(words, px, py, NAMES, theme.ink, theme) || (number && this.place(number, px, py, NAMES, theme.ink, theme));
   }
 
   ruler(theme) {
