@@ -13,7 +13,7 @@ from scenarios.cli import make_parser
 from scenarios.records.tables import EVENT_COLUMNS, FRAME_COLUMNS, LOOK_COLUMNS, MAP_COLUMNS
 from scenarios.schema import Scenario, load, parse
 from scenarios.schema.overrides import parse_override
-from scenarios.schema.shelf import names
+from scenarios.shelf import names
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

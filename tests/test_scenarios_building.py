@@ -20,7 +20,7 @@ from comms.plugins import PluginError, Plugins
 from scenarios import cli
 from scenarios.jsonschema import NAMED, scenario_schema, study_schema, text
 from scenarios.schema import load
-from scenarios.schema.shelf import LIBRARY, STUDIES
+from scenarios.shelf import LIBRARY, STUDIES
 from sim.sensors import SENSORS
 from sim.terrain import TERRAINS
 

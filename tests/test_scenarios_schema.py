@@ -14,7 +14,7 @@ from comms.profiles import resolve
 from scenarios.errors import ScenarioError
 from scenarios.schema import Scenario, dump, load, parse
 from scenarios.schema.overrides import Override
-from scenarios.schema.shelf import names
+from scenarios.shelf import names
 
 LIBRARY = names()
 

@@ -19,11 +19,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios import cli
+from scenarios import cli, shelf
 from scenarios.commands.sweep import time_left
 from scenarios.errors import StudyError
 from scenarios.experiments.tables import estimate
-from scenarios.schema import load, parse, shelf
+from scenarios.schema import load, parse
 from scenarios.studies import engine as engines
 from scenarios.studies.engine import in_turn, on_dask
 from scenarios.studies.figure import chosen, draw_study, lines_of

@@ -4,7 +4,7 @@ Everything else is what always runs: codec, radio, sharing, repair, disk, fusion
 """
 
 from scenarios.schema.overrides import Override, parse_override
-from scenarios.schema.shelf import find, read
+from scenarios.shelf import find, read
 
 SMALL = (
     "air=memory",

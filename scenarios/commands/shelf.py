@@ -17,7 +17,7 @@ def add(commands: Commands) -> None:
 
 
 def _list(_: argparse.Namespace) -> int:
-    from scenarios.schema.shelf import STUDIES, entries
+    from scenarios.shelf import STUDIES, entries
 
     found, studies = entries(), entries(STUDIES)
     width = max(len(entry.name) for entry in [*found, *studies])

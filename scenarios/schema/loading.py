@@ -12,8 +12,8 @@ from scenarios.schema.files import place_files
 from scenarios.schema.overrides import Override, apply_overrides, parse_override
 from scenarios.schema.problems import sentences
 from scenarios.schema.scenario import Scenario
-from scenarios.schema.shelf import find, read
 from scenarios.schema.team import expand_team
+from scenarios.shelf import find, read
 
 
 def load(

@@ -15,8 +15,9 @@ from typing import Annotated, Any, Self, cast
 from pydantic import Field, ValidationError, model_validator
 
 from comms.settings import Settings
+from scenarios import shelf
 from scenarios.errors import ScenarioError
-from scenarios.schema import Scenario, dump, load, shelf
+from scenarios.schema import Scenario, dump, load
 from scenarios.schema.overrides import Override, parse_override, split_key
 from scenarios.schema.problems import sentences
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from scenarios.errors import ScenarioError
 
-LIBRARY = Path(__file__).parents[1] / "library"
+LIBRARY = Path(__file__).parent / "library"
 STUDIES = LIBRARY / "studies"
 MAX_FILE_BYTES = 1_000_000
 """A scenario file is written by hand; what is larger is something else."""
