@@ -27,8 +27,8 @@ from scenarios.chaos.series import Series, run_one, run_series, shortest
 from scenarios.chaos.small import small_changes
 from scenarios.chaos.trial import Evidence, run_trial
 from scenarios.errors import UsageError
-from scenarios.notebook import Notebook
-from scenarios.record import DELIVERED
+from scenarios.logs.notebook import Notebook
+from scenarios.records.tables import DELIVERED
 from scenarios.schema import Scenario, dump, load, parse
 from sim.winch import SimWinch
 
