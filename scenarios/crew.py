@@ -9,10 +9,14 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
+from agents.recall import RECALL
 from comms.air import Packet
 from scenarios.host import Host
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import VirtualLoop
+
+PICTURES_EACH = 32
+"""Decoded tiles that are kept for the others, for each robot of a team in one process."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +138,7 @@ class MemoryCrew:
     def launch(self, plans: list[Plan]) -> None:
         """Bring robots to life, one after another."""
         for plan in plans:
+            RECALL.keep(PICTURES_EACH * len(plan.scenario.robots))
             index = list(plan.scenario.robots).index(plan.name)
             loop = VirtualLoop(index, plan.start_ns)
             host = Host(plan, loop, _Broadcast(self, plan.name))
@@ -187,6 +192,7 @@ class MemoryCrew:
             self.kill(name)
         while self._dead:
             self._dead.pop().bury()
+        RECALL.keep(0)
 
 
 def cpu_s() -> float:
