@@ -41,14 +41,14 @@ LEDGE = (
     "world.terrain.roughness_m=0",
     "world.terrain.texture_poor=0",
     "map.cell_m=0.5",
-    "sensor.fov_deg=120",
+    "sensor.fov_deg=140",
     "sensor.columns=64",
     "sensor.rows=48",
     "sensor.range_m=9",
     "sensor.noise_s=0.0002",
-    "sensor.look_s=5",
-    "planner.first_looks=4",
-    "planner.max_looks=4",
+    "sensor.look_s=10",
+    "planner.first_looks=3",
+    "planner.max_looks=3",
     "tether.rate_mps=0.3",
 )
 """For a team with a Cliff-bot: a bank, and a camera that shows the way down it in one round."""
