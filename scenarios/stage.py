@@ -46,6 +46,12 @@ class Stage:
     landmarks: dict[str, Pose] = field(default_factory=dict[str, Pose])
     """Where they stand, by name."""
 
+    def under(self, scenario: Scenario) -> "Stage":
+        """Return the same world for a scenario that differs in what happens, and in its dice."""
+        other = Stage(scenario, self.terrain, self.starts, self.goal_m, self.landmarks)
+        other.truth = self.truth
+        return other
+
     @cached_property
     def truth(self) -> Truth | PlanarTruth:
         """The world, and which cells the team's mappers could see from where they can drive."""

@@ -108,10 +108,10 @@ def stage_of(scene: Scene) -> Stage:
     """Return a scene on the grid on which its candidates are rated."""
     view = scene.view
     fine = view.sensor.range_m / view.frame.cell_m <= FINE_RANGE_CELLS
-    return _stage(scene, 1 if fine or min(view.frame.shape) < 4 else 2)
+    return _stage(scene, 1 if fine or min(view.frame.shape) < 4 else 2, scene.worth)
 
 
-def _stage(scene: Scene, factor: int) -> Stage:
+def _stage(scene: Scene, factor: int, worth: Floats) -> Stage:
     """Join factor x factor cells: mean heights, root mean square sigma, summed worth."""
     frame = scene.view.frame
     joined = GridFrame(
@@ -123,6 +123,8 @@ def _stage(scene: Scene, factor: int) -> Stage:
     )
 
     def mean(values: Floats) -> Floats:
+        if factor == 1:
+            return values
         blocks = values[: joined.rows * factor, : joined.cols * factor]
         return blocks.reshape(joined.rows, factor, joined.cols, factor).mean(axis=(1, 3))
 
@@ -131,7 +133,7 @@ def _stage(scene: Scene, factor: int) -> Stage:
         mean(scene.obstacles_m),
         north,
         east,
-        mean(scene.worth) * factor * factor,
+        mean(worth) * factor * factor,
         joined.cell_m,
         frame.cell_m,
     )
@@ -183,7 +185,8 @@ def _expected(
     scene: Scene, eye_m: tuple[float, float, float], heading_rad: float, tilt_rad: float
 ) -> Singles:
     view, lens = scene.view, Lens.of(scene.view.sensor)
-    stage = _stage(scene, 1)
+    unrated = np.broadcast_to(0.0, view.frame.shape)  # what is seen does not hang on its worth
+    stage = _stage(scene, 1, unrated)
     patch = stage.patch(eye_m, view.sensor)
     h, w = patch.p.shape
     cut = (slice(patch.row0, patch.row0 + h), slice(patch.col0, patch.col0 + w))

@@ -9,10 +9,14 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
+from agents.recall import RECALL
 from comms.air import Packet
 from scenarios.host import Host
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import VirtualLoop
+
+PICTURES_EACH = 32
+"""Decoded tiles that are kept for the others, for each robot of a team in one process."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +127,10 @@ class _Broadcast:
 class MemoryCrew:
     """All robots in this process, each on a virtual loop of its own."""
 
-    def __init__(self) -> None:
-        """Start without robots."""
+    def __init__(self, *, counts_cost: bool = True) -> None:
+        """Start without robots; asking for the CPU time of each window takes time itself."""
         self.costs: dict[str, Cost] = {}
+        self._cpu_s = cpu_s if counts_cost else _none
         self._members: dict[str, _Member] = {}
         self._dead: list[Host] = []
         self._reports: deque[Report] = deque()
@@ -133,6 +138,7 @@ class MemoryCrew:
     def launch(self, plans: list[Plan]) -> None:
         """Bring robots to life, one after another."""
         for plan in plans:
+            RECALL.keep(PICTURES_EACH * len(plan.scenario.robots))
             index = list(plan.scenario.robots).index(plan.name)
             loop = VirtualLoop(index, plan.start_ns)
             host = Host(plan, loop, _Broadcast(self, plan.name))
@@ -151,9 +157,9 @@ class MemoryCrew:
     def grant(self, name: str, grant: Grant) -> None:
         """Run a robot's window now."""
         member = self._members[name]
-        before = cpu_s()
+        before_s = self._cpu_s()
         self._reports.append(member.host.run_window(grant, member.inbox.take(grant.counts)))
-        self.costs[name].cpu_s += cpu_s() - before
+        self.costs[name].cpu_s += self._cpu_s() - before_s
 
     def next_report(self, waiting: list[str]) -> Report | Obituary:
         """Return the oldest report that was not taken yet."""
@@ -186,9 +192,14 @@ class MemoryCrew:
             self.kill(name)
         while self._dead:
             self._dead.pop().bury()
+        RECALL.keep(0)
 
 
 def cpu_s() -> float:
     """Return the CPU seconds of this process so far."""
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime
+
+
+def _none() -> float:
+    return 0.0

@@ -133,7 +133,8 @@ def thinned(points_m: Floats, cell_m: float) -> Floats:
     if len(points_m) <= SEEN_POINTS:
         return points_m
     cells = np.floor(points_m[:, :2] / cell_m).astype(np.int64)
-    _, first = np.unique(cells, axis=0, return_index=True)
+    cells -= cells.min(axis=0)
+    _, first = np.unique(cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1], return_index=True)
     others = np.setdiff1d(np.arange(len(points_m)), first)
     if len(first) >= SEEN_POINTS:
         first, others = np.sort(first), others[:0]
