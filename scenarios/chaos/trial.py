@@ -1,8 +1,6 @@
 """One run under faults, and all that its records say afterwards."""
 
-import os
 import shutil
-import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -14,6 +12,7 @@ from typing import Any, cast
 from comms.timebase import to_s
 from scenarios.crew import Crew, MemoryCrew, Obituary
 from scenarios.ending import Actor
+from scenarios.folder import make_folder_in_memory
 from scenarios.ledger import Ledger
 from scenarios.live import LiveView
 from scenarios.processes import ZenohCrew, start_fork_server
@@ -24,9 +23,6 @@ from scenarios.summary import RobotFinal
 from scenarios.virtual import VirtualRun
 from scenarios.wire import Report
 from sim.motion import Segment
-
-MEMORY_FOLDER = Path("/dev/shm")
-"""Where a robot's disk costs no disk, on Linux."""
 
 
 @dataclass
@@ -116,8 +112,7 @@ def _made_stage(text: str) -> Stage:
 @contextmanager
 def folder_in_memory() -> Generator[Path]:
     """Make a folder for the robots' disks, in memory where that can be."""
-    base = MEMORY_FOLDER if os.access(MEMORY_FOLDER, os.W_OK) else None
-    folder = Path(tempfile.mkdtemp(prefix="ropeteam-", dir=base))
+    folder = make_folder_in_memory()
     try:
         yield folder
     finally:
