@@ -27,10 +27,10 @@ from scenarios.chaos.series import Series, run_one, run_series, shortest
 from scenarios.chaos.small import small_changes
 from scenarios.chaos.trial import Evidence, run_trial
 from scenarios.errors import UsageError
-from scenarios.notebook import Notebook
-from scenarios.overrides import parse_override
-from scenarios.record import DELIVERED
+from scenarios.logs.notebook import Notebook
+from scenarios.records.tables import DELIVERED
 from scenarios.schema import Scenario, dump, load, parse
+from scenarios.schema.overrides import parse_override
 from sim.winch import SimWinch
 
 HORIZON_S = 90.0

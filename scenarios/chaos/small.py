@@ -3,7 +3,7 @@
 Everything else is what always runs: codec, radio, sharing, repair, disk, fusion, clock.
 """
 
-from scenarios.overrides import Override, parse_override
+from scenarios.schema.overrides import Override, parse_override
 from scenarios.shelf import find, read
 
 SMALL = (

@@ -10,17 +10,17 @@ from pathlib import Path
 from typing import Any, cast
 
 from comms.timebase import to_s
-from scenarios.crew import Crew, MemoryCrew, Obituary
-from scenarios.ending import Actor
-from scenarios.folder import make_folder_in_memory
-from scenarios.ledger import Ledger
+from scenarios.crews.crew import Crew, MemoryCrew, Obituary
+from scenarios.crews.processes import ZenohCrew, start_fork_server
 from scenarios.live import LiveView
-from scenarios.processes import ZenohCrew, start_fork_server
-from scenarios.record import Records
+from scenarios.play.actor import Actor
+from scenarios.play.virtual import VirtualRun
+from scenarios.records.folder import make_folder_in_memory
+from scenarios.records.summary import RobotFinal
+from scenarios.records.tables import Records
 from scenarios.schema import Scenario
+from scenarios.scores.ledger import Ledger
 from scenarios.stage import Stage, set_stage
-from scenarios.summary import RobotFinal
-from scenarios.virtual import VirtualRun
 from scenarios.wire import Report
 from sim.motion import Segment
 
