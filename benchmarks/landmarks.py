@@ -122,7 +122,7 @@ def told(views: list[View]) -> None:
 
 def main() -> int:
     """Look at the landmark as often as asked for."""
-    parser = argparse.ArgumentParser(description="Find a landmark of known shape in rendered pairs.")
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--views", type=int, default=32)
     parser.add_argument("--model", default="lander")
     parser.add_argument("--first", type=int, default=1, help="seed of the first view")

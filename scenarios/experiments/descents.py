@@ -52,7 +52,10 @@ def trials(options: Options) -> Sequence[Trial]:
     file = options.one("world.terrain.file", "")
     sets += [f"world.terrain.file={file}"] if file else []
     sets += options.sets.get("scenario", ())
-    first = int(options.number("first_seed", 1))
+    text = options.one("first_seed", "1")
+    if not text.isdecimal():
+        raise UsageError(f"--set first_seed={text}: must be a whole number")
+    first = int(text)
     made = [Trial(seed, tuple(sets)) for seed in range(first, first + options.seeds)]
     try:
         set_stage(_scenario(made[0]))
