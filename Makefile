@@ -23,7 +23,7 @@ help:
 	@echo "make test-all  all tests"
 	@echo "make commands  every command of the documents, in processes as a reader runs them"
 	@echo "make fuzz      a million damaged and forged inputs for each decoder (RUNS=n)"
-	@echo "make chaos     10,000 small runs under random faults (CHAOS=n), none of which may break"
+	@echo "make chaos     10,000 small runs under random faults (CHAOS=n), half of them with tethers"
 	@echo "make soak      24 simulated hours under faults, in which no process may grow (HOURS=n)"
 	@echo "make lint      ruff, pyright (strict), and the import contract of the four rooms"
 	@echo "make docs      the documents as a site, in build/site, with strict links"
@@ -55,7 +55,10 @@ fuzz: $(VENV)/fuzz.stamp
 
 chaos: $(VENV)/run.stamp
 	@$(BIN)/python -m scenarios.preload
-	$(BIN)/ropeteam chaos pair --small --runs $(CHAOS) --jobs $(JOBS) --out runs/chaos.json $(ARGS)
+	$(BIN)/ropeteam chaos pair --small --runs $$(($(CHAOS) / 2)) --jobs $(JOBS) \
+		--out runs/chaos-pair.json $(ARGS)
+	$(BIN)/ropeteam chaos cliff --small --runs $$(($(CHAOS) / 2)) --jobs $(JOBS) \
+		--out runs/chaos-cliff.json $(ARGS)
 
 soak: $(VENV)/run.stamp
 	@$(BIN)/python -m scenarios.preload

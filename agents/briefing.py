@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from agents.geometry import Floats, GridFrame, Pose
-from agents.landmarks import Landmark
 from agents.messages import (
     Status,
     TetherCommand,
 )
 from agents.ports import Exposure
+from agents.pose.landmarks import Landmark
 from agents.settings import (
     DriveSettings,
     MapSettings,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.geometry import Singles
-from agents.information import Interest
-from agents.localising import is_located
 from agents.mapper import Expected, NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.maps.elevationlook import bin_look
+from agents.planning.information import Interest
+from agents.planning.strategies import View, strategy
 from agents.ports import Exposure
-from agents.strategies import View, strategy
+from agents.pose.localising import is_located
 
 if TYPE_CHECKING:
     from agents.robot import Robot
@@ -99,8 +99,8 @@ class ElevationMapper:
             sensor=self.settings.sensor,
             drive=self.settings.drive,
             planner=self.settings.planner,
-            claims=robot.regions(wished=False),
-            wishes=tuple(robot.regions(wished=True)),
+            claims=robot.interest.regions(wished=False),
+            wishes=tuple(robot.interest.regions(wished=True)),
             barred=self.barred,
             trail_m=np.array(robot.trail),
         )

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame, Pose
-from agents.paths import path_to, travel_field
+from agents.ground.paths import path_to, travel_field
 from comms import kernels
 from comms.kernels import kernel
 

@@ -28,21 +28,51 @@ class Sheet(Generic[E]):
     """What is drawn of a tile, before the anchor is applied; None: nothing."""
     revision: int
     """Grows with every change of the drawing."""
+    is_own: bool = False
+    """It is drawn in two ways, as measured and as sent: what is laid of it is not kept."""
+
+
+class Laid(Generic[E]):
+    """Tiles of submaps as their anchors have them laid, for all patchworks that lay them so.
+
+    Of the submaps on a tile most have not changed when one has.
+    """
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self._kept: dict[tuple[AnchorKey, int], tuple[int, Anchor, E]] = {}
+
+    def find(self, sheet: Sheet[E], tile: int) -> E | None:
+        """Return what was laid of a tile, if the sheet and its anchor are what they were."""
+        known = self._kept.get((sheet.key, tile))
+        if known is None or known[:2] != (sheet.revision, sheet.anchor):
+            return None
+        return known[2]
+
+    def keep(self, sheet: Sheet[E], tile: int, patch: E) -> None:
+        """Keep what was laid of a tile."""
+        if not sheet.is_own:
+            self._kept[sheet.key, tile] = (sheet.revision, sheet.anchor, patch)
 
 
 class Patchwork(Generic[S, E]):
     """All submaps laid over one another, in one way."""
 
     def __init__(
-        self, kind: MapKind[S, E], grid: TileGrid, *, with_anchors: bool, counts_bits: bool = False
+        self,
+        kind: MapKind[S, E],
+        grid: TileGrid,
+        laid: Laid[E] | None = None,
+        *,
+        counts_bits: bool = False,
     ) -> None:
-        """Lay maps of a kind, with the anchors' covariance added to each cell's or without.
+        """Lay maps of a kind, with the anchors' covariance added to each cell's if `laid` is given.
 
         With `counts_bits` the information of each origin is kept besides.
         """
         self._kind, self._grid = kind, grid
-        self._with_anchors, self._counts_bits = with_anchors, counts_bits
-        self._margin = kind.margin_cells if with_anchors else 0
+        self._laid, self._counts_bits = laid, counts_bits
+        self._margin = kind.margin_cells if laid is not None else 0
         self._seams: dict[int, list[tuple[int, Window, Window]]] = {}
         self._whole: E | None = None
         self._stale = set(grid.tiles)
@@ -97,8 +127,7 @@ class Patchwork(Generic[S, E]):
             for sheet in sheets:
                 patch = self._patch(sheet, tile)
                 if patch is not None:
-                    before = layer or self._kind.blank(self._grid.shape(tile))
-                    layer = self._kind.surest(before, patch)
+                    layer = patch if layer is None else self._kind.surest(layer, patch)
             if layer is not None:
                 found.append(layer)
             if self._counts_bits:
@@ -114,12 +143,17 @@ class Patchwork(Generic[S, E]):
     def _patch(self, sheet: Sheet[E], tile: int) -> E | None:
         """Return what one submap has of a tile, as sure as its anchor says."""
         core = sheet.tile(tile)
-        if core is None or not self._with_anchors:
+        if core is None or self._laid is None:
             return core
+        known = self._laid.find(sheet, tile)
+        if known is not None:
+            return known
         window = self._grid.window(tile, self._margin)
         drawing = self._with_margin(sheet, tile, window) if self._margin else core
         blurred = self._kind.blurred(drawing, sheet.anchor, self._grid.frame, window)
-        return self._kind.cut(blurred, inside(self._grid.window(tile), window))
+        patch = self._kind.cut(blurred, inside(self._grid.window(tile), window))
+        self._laid.keep(sheet, tile, patch)
+        return patch
 
     def _with_margin(self, sheet: Sheet[E], tile: int, window: Window) -> E:
         """Return what is drawn of a tile and, in a larger window, of those beside it."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats
+from agents.recall import RECALL
 from agents.tiles import Shape
 from comms.codec import (
     CodecError,
@@ -52,7 +53,7 @@ class Pyramid:
     def decode(self, prefix: bytes, shape: Shape) -> DecodedTile | None:
         """See `comms.codec.decode_tile`."""
         try:
-            tile = decode_tile(prefix)
+            tile = RECALL.of(decode_tile, prefix)
         except CodecError:
             return None
         return tile if tile.level < 0 or tile.known.shape == shape else None
@@ -176,7 +177,7 @@ class OccupancyPyramid:
     def decode(self, prefix: bytes, shape: Shape) -> ToldOccupancy | None:
         """See `comms.codec.decode_occupancy_tile`."""
         try:
-            tile = decode_occupancy_tile(prefix)
+            tile = RECALL.of(decode_occupancy_tile, prefix)
         except CodecError:
             return None
         if tile.level < 0 or tile.known.shape != shape:

@@ -11,22 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from agents.anchoring import needs_submap, placing
 from agents.briefing import AgentSettings, RobotLog
 from agents.disk import Disk
 from agents.elevationmapper import ElevationMapper
 from agents.fusion import compose, stand_of_seer
 from agents.geometry import Floats, Pose, wrap_angle
 from agents.layers import Mask
-from agents.localising import is_located, reference, take_in
 from agents.mapper import Expected, Mapper, NextLook
 from agents.member import LEG_M, Member
 from agents.messages import Fix
 from agents.occupancy.mapper import OccupancyMapper
 from agents.planar.sense import PlanarSense
 from agents.ports import Exposure, Hardware, Sighting
+from agents.pose.anchoring import needs_submap, placing
+from agents.pose.localising import is_located, reference, take_in
+from agents.pose.waywatch import WayWatch
 from agents.voxel.sense import VoxelSense
-from agents.waywatch import WayWatch
 
 TRAIL_POINTS = 64
 """So many corners of the way that it came a robot remembers."""

@@ -9,13 +9,13 @@ import numpy as np
 
 from agents.briefing import ACTIVITIES, AgentSettings
 from agents.geometry import Bools, Floats, GridFrame, Pose, wrap_angle
+from agents.ground.paths import descent_cost, path_to, straight_legs, travel_field
+from agents.ground.surface import CLEARANCE_M
 from agents.mapper import NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.member import SILENT_S
 from agents.messages import TetherCommand, pack_tethers
-from agents.paths import descent_cost, path_to, straight_legs, travel_field
 from agents.robot import Robot
-from agents.surface import CLEARANCE_M
 from comms.frames import Kind
 
 STEP_M = 0.25

@@ -8,12 +8,12 @@ tiles are laid, `agents.patchwork`'s.
 """
 
 from collections.abc import Iterable
-from functools import partial
+from functools import partial, reduce
 from typing import Generic
 
 from agents.layers import OwnLayer
 from agents.maps.kind import E, MapKind, Mask, S
-from agents.patchwork import Patchwork, Sheet, whole_drawing
+from agents.patchwork import Laid, Patchwork, Sheet, whole_drawing
 from agents.store import AnchorKey, Origin, Store, TileKey
 from agents.tiles import TileGrid
 
@@ -42,9 +42,10 @@ class TeamMap(Generic[S, E]):
         self._decoded: dict[TileKey, list[tuple[tuple[int, int], E]]] = {}
         self._own_drawn: dict[tuple[int, int, bool], E | None] = {}
         """Tiles of own submaps, by (submap, tile, as sent), made when they are first needed."""
-        self._fused: Patchwork[S, E] = Patchwork(kind, grid, with_anchors=True)
-        self._relative: Patchwork[S, E] = Patchwork(kind, grid, with_anchors=False)
-        self._heard: Patchwork[S, E] = Patchwork(kind, grid, with_anchors=True, counts_bits=True)
+        laid: Laid[E] = Laid()
+        self._fused: Patchwork[S, E] = Patchwork(kind, grid, laid)
+        self._relative: Patchwork[S, E] = Patchwork(kind, grid)
+        self._heard: Patchwork[S, E] = Patchwork(kind, grid, laid, counts_bits=True)
 
     # --- what changed ---------------------------------------------------------------------
 
@@ -105,10 +106,10 @@ class TeamMap(Generic[S, E]):
         A version newer than the newest complete one may be known only coarsely: each cell is
         taken from whichever version knows it best, so no update makes a map worse.
         """
-        best = self.kind.blank(self.grid.shape(key.tile))
-        for tile in self._decode(key):
-            best = self.kind.surest(best, tile)
-        return best
+        versions = self._decode(key)
+        if not versions:
+            return self.kind.blank(self.grid.shape(key.tile))
+        return reduce(self.kind.surest, versions)
 
     def _decode(self, key: TileKey) -> list[E]:
         """Return the decoded versions of a tile, newest first, each decoded once per prefix."""
@@ -182,6 +183,7 @@ class TeamMap(Generic[S, E]):
                 submap.anchor,
                 partial(self._own_tile, index, own_as_sent),
                 submap.revision,
+                is_own=True,
             )
             for index, submap in enumerate(self.own.submaps)
             if submap.anchor.is_located

@@ -26,10 +26,10 @@ from dataclasses import asdict, dataclass
 from namespaces import INSIDE, how_to_enter, quietly, run_inside, sh
 
 from comms.profiles import LinkProfile
-from scenarios.linkfigures import figures
-from scenarios.linkreal import on_real_clock
-from scenarios.linktest import LinkTest
-from scenarios.linkvirtual import on_virtual_clock
+from scenarios.linktest.figures import figures
+from scenarios.linktest.real import on_real_clock
+from scenarios.linktest.transfer import LinkTest
+from scenarios.linktest.virtual import on_virtual_clock
 
 HEADERS_BYTES = 14 + 20 + 8
 """Ethernet, IP, UDP: `tc` counts them, so the link is told to charge as much."""

@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from agents import paths
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
+from agents.ground import paths
 from agents.planar.sensing import LIMIT, MAPPED, look_log_odds
 from agents.settings import SensorSettings
 from comms.kernels import kernel

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from agents.fusion import pose_numbers
 from agents.geometry import Floats, GridFrame, Pose, wrap_angle
-from agents.posefilter import PoseFilter, Remembered
+from agents.pose.posefilter import PoseFilter, Remembered
 from agents.settings import DriveSettings, SensorSettings
 from sim.drift import draw_leg, measure
 from sim.ground import Terrain

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
+from agents.ground.paths import descent_cost, path_to, straight_legs, travel_field
+from agents.ground.surface import CLEARANCE_M
 from agents.layers import Anchor
 from agents.maps.elevation import Submap
 from agents.maps.elevationlook import bin_look
-from agents.paths import descent_cost, path_to, straight_legs, travel_field
 from agents.settings import DriveSettings
-from agents.surface import CLEARANCE_M
 from scenarios.schema import Scenario, load
 from scenarios.stage import set_stage
 from sim.camera import Scene as View

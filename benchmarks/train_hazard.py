@@ -19,7 +19,7 @@ import numpy as np
 from floor_plans import FOOTPRINT_M, floor_plan
 
 from agents.geometry import Bools, Floats, Pose
-from agents.markov import distance_to_known_m
+from agents.ground.markov import distance_to_known_m
 from agents.planar.hazard import SIZES, WITHIN_M, Layers, network, packed
 from agents.planar.surroundings import DIRECTIONS, surroundings
 from scenarios.experiments.planar_runs import DRIVE, PLANNER, sensor_of

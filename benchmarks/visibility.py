@@ -22,9 +22,10 @@ try:
 except ImportError:
     pyoctomap = None
 
-from agents import visibility, voxelcast
-from agents.crests import LEAST_SIGMA_M
+from agents import voxelcast
 from agents.geometry import Floats, GridFrame, Ints
+from agents.sight import visibility
+from agents.sight.crests import LEAST_SIGMA_M
 from sim.terrain import TerrainSettings, WorldSettings, make_terrain
 
 EYE_M = 1.2
@@ -60,7 +61,7 @@ def plain(z, sigma, row, col, eye_z, cells, out):
 
 @njit(error_model="numpy")
 def exact(z, sigma, row, col, eye_z, cell, bearings, least_sigma, cells, out):
-    """Multiply every factor along the rays of `agents.visibility`'s fan."""
+    """Multiply every factor along the rays of `agents.sight.visibility`'s fan."""
     for n in range(len(cells)):
         dy, dx = cells[n, 0] - row, cells[n, 1] - col
         flat = math.sqrt(dx * dx + dy * dy)

@@ -18,15 +18,17 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from agents import gaze, looks, strategies, surface, visibility
-from agents.gaze import Ground, Lens
 from agents.geometry import Bools, Floats, Pose
-from agents.information import Interest
+from agents.ground import surface
 from agents.layers import Anchor
 from agents.maps.elevation import Submap
 from agents.maps.elevationlook import bin_look
-from agents.scene import Scene, View
+from agents.planning import looks, strategies
+from agents.planning.information import Interest
+from agents.planning.scene import Scene, View
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+from agents.sight import gaze, visibility
+from agents.sight.gaze import Ground, Lens
 from sim.camera import Scene as Stage
 from sim.camera import expose
 from sim.terrain import Terrain, TerrainSettings, WorldSettings, make_terrain

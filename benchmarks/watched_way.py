@@ -1,6 +1,6 @@
 """How far off a robot is after a way, by its wheels and by its eyes.
 
-A rover drives leg by leg over made-up ground and watches its way (`agents.waywatch`); two pose
+A rover drives leg by leg over made-up ground and watches its way (`agents.pose.waywatch`); two pose
 filters take in the same drives, one of them the images too. Nothing else tells it where it is.
 
     python benchmarks/watched_way.py [--ways 10] [--legs 20] [--kind plain|field]
@@ -16,9 +16,9 @@ import numpy as np
 from agents.fusion import pose_numbers
 from agents.geometry import Floats, GridFrame, Pose, wrap_angle
 from agents.ports import Odometry
-from agents.posefilter import PoseFilter
+from agents.pose.posefilter import PoseFilter
+from agents.pose.waywatch import WayWatch
 from agents.settings import DriveSettings, SensorSettings
-from agents.waywatch import WayWatch
 from sim.clock import VirtualLoop
 from sim.ground import Terrain
 from sim.rover import RoverBody

@@ -180,35 +180,60 @@ def _layers(
         if pair_of(key) == (sender, receiver):
             yield key, settings
     for change in changes:
-        if ">" in change.target:
-            concerned = pair_of(change.target) == (sender, receiver)
-        else:
-            concerned = change.target in (ALL, sender, receiver)
-        if concerned:
+        if concerns(change, sender, receiver):
             yield change.target, change.settings
+
+
+def concerns(change: LinkChange, sender: str, receiver: str) -> bool:
+    """Say whether a change may alter the link from `sender` to `receiver`."""
+    if ">" in change.target:
+        return pair_of(change.target) == (sender, receiver)
+    return change.target in (ALL, sender, receiver)
+
+
+class Standing:
+    """One directed link as layer upon layer of settings makes it."""
+
+    def __init__(self, sender: str, receiver: str) -> None:
+        """Begin with the default profile."""
+        self._sender, self._receiver = sender, receiver
+        self._profile = PROFILES[DEFAULT_PROFILE]
+        self._switches = _Switches()
+
+    def lay(self, target: str, settings: LinkSettings) -> None:
+        """Lay settings over it that are said of a target which concerns it."""
+        if settings.up is not None:
+            self._switches.set(target, settings.up)
+        if target != self._receiver:
+            self._profile = _laid(self._profile, settings)
+        height_m = _said(settings, "antenna_m")
+        if target in (ALL, self._receiver) and height_m is not None:
+            self._profile = replace(self._profile, mate_antenna_m=height_m)
+
+    def profile(self) -> LinkProfile:
+        """Return the link as it is now."""
+        return replace(self._profile, up=self._switches.up(self._sender, self._receiver))
+
+
+def standing(
+    links: TeamLinks, sender: str, receiver: str, changes: Iterable[LinkChange] = ()
+) -> Standing:
+    """Return the link from `sender` to `receiver` as it stands after changes; more may be laid."""
+    return _stacked(_layers(links, sender, receiver, changes), sender, receiver)
+
+
+def _stacked(layers: Iterable[tuple[str, LinkSettings]], sender: str, receiver: str) -> Standing:
+    found = Standing(sender, receiver)
+    for target, settings in layers:
+        found.lay(target, settings)
+    return found
 
 
 def resolve(
     links: TeamLinks, sender: str, receiver: str, changes: Iterable[LinkChange] = ()
 ) -> LinkProfile:
     """Return the link from `sender` to `receiver` after the `changes` that have happened so far."""
-    return _resolved(_layers(links, sender, receiver, changes), sender, receiver)
-
-
-def _resolved(
-    layers: Iterable[tuple[str, LinkSettings]], sender: str, receiver: str
-) -> LinkProfile:
-    profile = PROFILES[DEFAULT_PROFILE]
-    switches = _Switches()
-    for target, settings in layers:
-        if settings.up is not None:
-            switches.set(target, settings.up)
-        if target != receiver:
-            profile = _laid(profile, settings)
-        height_m = _said(settings, "antenna_m")
-        if target in (ALL, receiver) and height_m is not None:
-            profile = replace(profile, mate_antenna_m=height_m)
-    return replace(profile, up=switches.up(sender, receiver))
+    return standing(links, sender, receiver, changes).profile()
 
 
 def _ever(
@@ -225,7 +250,7 @@ def _ever(
         layers = list(_layers(links, sender, receiver, changes[:count]))
         kind = tuple((id(settings), t == sender, t == receiver) for t, settings in layers)
         if kind not in known:
-            known[kind] = _resolved(layers, sender, receiver)
+            known[kind] = _stacked(layers, sender, receiver).profile()
         return known[kind]
 
     for count in range(len(changes) + 1):

@@ -17,7 +17,7 @@ from agents.maps.elevation import Estimate, fuse_origins
 from comms.timebase import to_s
 from scenarios import Run, load, open_run, run
 from scenarios.experiments.figure import COLOURS, save_figure
-from scenarios.handed import read_life
+from scenarios.logs.handed import read_life
 from scenarios.palette import INK, MUTED, robot_colours
 
 IMAGES = Path(__file__).parent / "images"

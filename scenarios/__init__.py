@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from scenarios.errors import ScenarioError, StudyError
-    from scenarios.reading import Run, open_run
+    from scenarios.records.reading import Run, open_run
     from scenarios.runner import RunOptions, RunResult, run
     from scenarios.schema import Scenario, dump, load
 
@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Run": "reading",
+    "Run": "records.reading",
     "RunOptions": "runner",
     "RunResult": "runner",
     "Scenario": "schema",
@@ -45,7 +45,7 @@ _HOMES = {
     "StudyError": "errors",
     "dump": "schema",
     "load": "schema",
-    "open_run": "reading",
+    "open_run": "records.reading",
     "run": "runner",
 }
 

@@ -23,18 +23,18 @@ from agents.roles import ROLES
 from agents.store import AnchorKey
 from comms.air import Packet
 from comms.timebase import NS, from_s, sleep_until_ns, to_s
-from scenarios.diary import MAP_NOTES, Diary, PoseNote
 from scenarios.dice import dice
-from scenarios.handed import BORN, HANDED, pack_born, pack_handed
 from scenarios.hostradio import HostRadio, Outbox
-from scenarios.ledger import entry
+from scenarios.logs.diary import MAP_NOTES, Diary, PoseNote
+from scenarios.logs.handed import BORN, HANDED, pack_born, pack_handed
+from scenarios.logs.notebook import LogFile, Notebook
 from scenarios.makings import motions_of, points_of, rig_of, told
-from scenarios.notebook import LogFile, Notebook
-from scenarios.odometer import Odometer, Rms
-from scenarios.record import EventRow, LookRow
+from scenarios.records.tables import EventRow, LookRow
+from scenarios.records.weighing import Scales
+from scenarios.scores.ledger import entry
+from scenarios.scores.odometer import Odometer, Rms
 from scenarios.view.hand import as_told
 from scenarios.view.witness import Witness
-from scenarios.weighing import Scales
 from scenarios.wire import Grant, Plan, Report
 from sim.clock import ScaledLoop, VirtualLoop
 from sim.motion import Segment

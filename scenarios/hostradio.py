@@ -8,8 +8,7 @@ from comms.air import Handler, Packet
 from comms.channel import Seat
 from comms.frames import Frame, Opener, Sealer
 from comms.link import Receiver, Transmitter
-from comms.linksettings import ALL, LinkChange, pair_of
-from comms.profiles import LinkProfile, resolve
+from comms.profiles import LinkProfile, concerns, standing
 from comms.radio import Choose, Radio
 from comms.timebase import NS, from_s, to_s
 from comms.traffic import RadioLog
@@ -88,21 +87,18 @@ class HostLinks:
         self.me = me
         self.roster = list(scenario.robots)
         self.mates = [name for name in self.roster if name != me]
-        self._links = scenario.links
         self._timeline = scenario.timeline()
-        self._changes = [self._timeline[index].link_change() for index in happened]
-
-    def between(self, sender: str, receiver: str) -> LinkProfile:
-        """Return a directed link as it is now."""
-        return resolve(self._links, sender, receiver, self._changes)
+        changes = [self._timeline[index].link_change() for index in happened]
+        ways = [(me, mate) for mate in self.mates] + [(mate, me) for mate in self.mates]
+        self._standing = {way: standing(scenario.links, *way, changes) for way in ways}
 
     def from_me(self) -> dict[str, LinkProfile]:
         """Return the link to each team-mate, in roster order."""
-        return {mate: self.between(self.me, mate) for mate in self.mates}
+        return {mate: self._standing[self.me, mate].profile() for mate in self.mates}
 
     def to_me(self) -> dict[str, LinkProfile]:
         """Return the link from each team-mate, in roster order."""
-        return {mate: self.between(mate, self.me) for mate in self.mates}
+        return {mate: self._standing[mate, self.me].profile() for mate in self.mates}
 
     def learn(self, scenario: Scenario) -> None:
         """Take a scenario in which more is going to happen."""
@@ -115,18 +111,11 @@ class HostLinks:
     def happen(self, index: int, radio: Radio) -> None:
         """Let a link event happen."""
         change = self._timeline[index].link_change()
-        self._changes.append(change)
         at_ns = self.change_ns(index)
-        pairs = [(self.me, mate) for mate in self.mates] + [(mate, self.me) for mate in self.mates]
-        for sender, receiver in pairs:
-            if _concerns(change, sender, receiver):
-                radio.set_link(sender, receiver, self.between(sender, receiver), at_ns)
-
-
-def _concerns(change: LinkChange, sender: str, receiver: str) -> bool:
-    if ">" in change.target:
-        return pair_of(change.target) == (sender, receiver)
-    return change.target in (ALL, sender, receiver)
+        for (sender, receiver), link in self._standing.items():
+            if concerns(change, sender, receiver):
+                link.lay(change.target, change.settings)
+                radio.set_link(sender, receiver, link.profile(), at_ns)
 
 
 class HostRadio:

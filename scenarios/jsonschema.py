@@ -4,8 +4,8 @@ import json
 from typing import Any
 
 from agents import planar
+from agents.planning.strategies import STRATEGIES
 from agents.sharing import WAYS
-from agents.strategies import STRATEGIES
 from agents.voxel import choosing
 from comms.plugins import Plugins
 from scenarios.schema import MAPPERS, MAX_ROBOTS, Scenario

@@ -6,9 +6,9 @@ import numpy as np
 
 from agents.briefing import AgentSettings
 from agents.geometry import Floats, GridFrame, Pose
-from agents.landmarks import Landmark
 from agents.planar.rays import fan_rad
 from agents.ports import Exposure
+from agents.pose.landmarks import Landmark
 from agents.stereo.eyes import Seen
 from agents.voxel.rays import ray_directions
 from scenarios.dice import dice

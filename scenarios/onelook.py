@@ -15,20 +15,20 @@ import cv2
 import numpy as np
 
 from agents.geometry import Floats, Pose
+from agents.pose.waywatch import Seen as Leg
 from agents.stereo.calibration import Calibration
 from agents.stereo.eyes import Seen, calibration_of
 from agents.stereo.fiducials import choose
 from agents.stereo.noise import noise_by_level
 from agents.stereo.tags import corners
-from agents.waywatch import Seen as Leg
 from comms.timebase import from_s
 from scenarios.errors import UsageError
 from scenarios.experiments.figure import save_figure
+from scenarios.formats.stereo import depth_picture
 from scenarios.host import Host
 from scenarios.palette import MUTED
 from scenarios.replay import watch
 from scenarios.schema import load
-from scenarios.stereofiles import depth_picture
 from sim.stereo.camera import StereoCamera
 from sim.stereo.shoot import Shot
 

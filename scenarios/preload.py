@@ -9,6 +9,6 @@ import cv2
 
 from comms.kernels import warm_all
 
-importlib.import_module("scenarios.processes")
+importlib.import_module("scenarios.crews.processes")
 cv2.setNumThreads(1)
 warm_all()

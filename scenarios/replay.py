@@ -1,7 +1,7 @@
 """One robot of a run once more, alone, from its own log: the same program, the same decisions.
 
 Nothing but the robot runs: no team-mates, no conductor, no Zenoh, one thread. It is handed what its
-log says that it was handed (`scenarios.handed`), lives on a fresh disk, and writes a new log, which
+log says that it was handed (`logs.handed`), lives on a fresh disk, and writes a new log, which
 is held against the old one, message by message.
 """
 
@@ -16,10 +16,10 @@ from typing import Any, cast
 
 from comms.air import Packet
 from comms.timebase import from_s, to_s
-from scenarios import folder
 from scenarios.errors import UsageError
-from scenarios.handed import HANDED, Life, Message, read_life
 from scenarios.host import Host
+from scenarios.logs.handed import HANDED, Life, Message, read_life
+from scenarios.records import folder
 from scenarios.schema import Scenario, load
 from scenarios.stage import set_stage
 from scenarios.wire import Plan

@@ -14,22 +14,20 @@ import numpy as np
 
 from comms import kernels
 from comms.timebase import to_s
-from scenarios import folder
-from scenarios.crew import Crew, MemoryCrew, cpu_s
-from scenarios.ending import conclude
+from scenarios.crews.crew import Crew, MemoryCrew, cpu_s
+from scenarios.crews.processes import ZenohCrew, start_fork_server
+from scenarios.crews.realmemory import RealMemoryCrew
+from scenarios.crews.robotprocess import peak_bytes
 from scenarios.errors import FolderError, StudyError
 from scenarios.live import LiveView
-from scenarios.overview import Overview, draw
-from scenarios.play import Play
-from scenarios.processes import ZenohCrew, start_fork_server
-from scenarios.realtime import RealMemoryCrew, RealRun
-from scenarios.record import write_atomic
-from scenarios.report import report
-from scenarios.robotprocess import peak_bytes
-from scenarios.ros2.bag import write_bag
-from scenarios.schema import Scenario, dump
-from scenarios.stage import Stage, set_stage
-from scenarios.summary import (
+from scenarios.pictures.overview import Overview, draw
+from scenarios.play.actor import conclude
+from scenarios.play.play import Play
+from scenarios.play.realtime import RealRun
+from scenarios.play.virtual import VirtualRun
+from scenarios.records import folder
+from scenarios.records.report import report
+from scenarios.records.summary import (
     HostCost,
     ProcessCost,
     RobotFinal,
@@ -37,11 +35,14 @@ from scenarios.summary import (
     summarise,
     write_json,
 )
+from scenarios.records.tables import write_atomic
+from scenarios.ros2.bag import write_bag
+from scenarios.schema import Scenario, dump
+from scenarios.stage import Stage, set_stage
 from scenarios.view.livepage import LivePage
 from scenarios.view.reel import Reel
 from scenarios.view.report import end_of, write_report
 from scenarios.view.rundir import read_run
-from scenarios.virtual import VirtualRun
 
 Beside = Callable[[Path], contextlib.AbstractContextManager[None]]
 """Something that goes on beside a run and only reads what its robots write."""

@@ -11,10 +11,10 @@ from agents.geometry import Bools, Floats, Pose
 from agents.stereo.shape import ShapeError, shape_of
 from agents.voxel.ground import Build
 from scenarios.dice import dice
-from scenarios.planarscore import PlanarTruth, VoxelTruth
 from scenarios.recordings import recorded
+from scenarios.records.summary import Truth
 from scenarios.schema import MAPPERS, Scenario
-from scenarios.summary import Truth
+from scenarios.scores.occupancy import PlanarTruth, VoxelTruth
 from sim.camera import observable_cells, reachable_positions
 from sim.errors import WorldError
 from sim.ground import Footing, Terrain
@@ -45,6 +45,12 @@ class Stage:
     goal_m: tuple[float, float] | None
     landmarks: dict[str, Pose] = field(default_factory=dict[str, Pose])
     """Where they stand, by name."""
+
+    def under(self, scenario: Scenario) -> "Stage":
+        """Return the same world for a scenario that differs in what happens, and in its dice."""
+        other = Stage(scenario, self.terrain, self.starts, self.goal_m, self.landmarks)
+        other.truth = self.truth
+        return other
 
     @cached_property
     def truth(self) -> Truth | PlanarTruth:

@@ -49,7 +49,7 @@ class Plan:
     keeps_log: bool = True
     """Whether it writes its own log."""
     keeps_ledger: bool = False
-    """Whether the world keeps a ledger of what its sensors measure (`scenarios.ledger`)."""
+    """Whether the world keeps a ledger of what its sensors measure (`scenarios.scores.ledger`)."""
     keeps_growth: bool = False
     """Whether it tells how its map grows and what it plans (`scenarios.view`)."""
     endpoint: str = ""

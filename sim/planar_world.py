@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
-from agents.markov import distance_to_known_m
+from agents.ground.markov import distance_to_known_m
 from agents.planar.rays import crossings, fan_rad
 from agents.settings import SensorSettings
 from comms import kernels

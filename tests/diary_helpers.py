@@ -8,10 +8,10 @@ import numpy as np
 from agents.geometry import Floats, GridFrame, Pose
 from agents.ports import Exposure
 from comms.timebase import NS
-from scenarios.diary import Diary, PoseNote
-from scenarios.folder import MARK
-from scenarios.notebook import LogFile
-from scenarios.record import DELIVERED, FRAME_COLUMNS, write_table
+from scenarios.logs.diary import Diary, PoseNote
+from scenarios.logs.notebook import LogFile
+from scenarios.records.folder import MARK
+from scenarios.records.tables import DELIVERED, FRAME_COLUMNS, write_table
 from scenarios.schema import Scenario, dump, load
 
 FRAME = GridFrame(-1.0, 2.0, 0.25, 9, 13)

@@ -1,4 +1,4 @@
-"""A small air inside one process, to test radios with; runs have `scenarios.crew` for that."""
+"""A small air inside one process, to test radios with; runs have `scenarios.crews.crew`."""
 
 import asyncio
 import heapq

@@ -15,7 +15,7 @@ import tomli_w
 from agents.robot import Robot
 from comms.profiles import PROFILES
 from scenarios import runner
-from scenarios.crew import MemoryCrew
+from scenarios.crews.crew import MemoryCrew
 from scenarios.schema import Scenario, dump, load, parse
 from scenarios.wire import Plan
 

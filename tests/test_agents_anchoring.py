@@ -7,16 +7,16 @@ import pytest
 from robot_helpers import hear, log_of, measure, robot_on, say
 from team_helpers import FRAME, SURE
 
-from agents.anchoring import Tolerance, corrected, needs_submap, placing, submap_name
 from agents.fusion import Gaussian
 from agents.geometry import Pose
 from agents.layers import Anchor, OwnLayer
-from agents.localising import origin_of, reference
 from agents.maps.elevation import Submap
 from agents.maps.elevationlook import LookCells
 from agents.messages import Fix, Status, pack_fix, pack_status, unpack_anchor
 from agents.ports import Odometry
-from agents.posefilter import PoseFilter
+from agents.pose.anchoring import Tolerance, corrected, needs_submap, placing, submap_name
+from agents.pose.localising import origin_of, reference
+from agents.pose.posefilter import PoseFilter
 from comms.frames import Kind
 
 WISHES = Tolerance(shift_m=0.05, lift_m=0.02, reach_m=5.0)

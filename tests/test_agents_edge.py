@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents import polygon
-from agents.edge import EdgeError, drivable, find_edge, inside
-from agents.markov import complete, distance_to_known_m
+from agents.ground import polygon
+from agents.ground.edge import EdgeError, drivable, find_edge, inside
+from agents.ground.markov import complete, distance_to_known_m
 
 SHARED = Path(os.environ.get("ROPETEAM_SHARED", str(Path(__file__).parents[2] / "shared")))
 

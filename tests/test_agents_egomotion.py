@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from agents import rotations
-from agents.egomotion import Tracks, distances, find_motion, point_covariance, refined
-from agents.rigidmotion import EgomotionError, Motion, closed_form, least_squares
-from agents.runningmotion import RunningMotion, running_motion
+from agents.pose import rotations
+from agents.pose.egomotion import Tracks, distances, find_motion, point_covariance, refined
+from agents.pose.rigidmotion import EgomotionError, Motion, closed_form, least_squares
+from agents.pose.runningmotion import RunningMotion, running_motion
 
 seeds = st.integers(0, 2**32 - 1)
 QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])

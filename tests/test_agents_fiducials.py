@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stereo_helpers import SENSOR, STEREO, stage
 
-from agents import rotations
 from agents.geometry import Pose
-from agents.rigidmotion import Motion
+from agents.pose import rotations
+from agents.pose.rigidmotion import Motion
 from agents.stereo.calibration import pinhole
 from agents.stereo.eyes import Look, calibration_of
 from agents.stereo.fiducials import (

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from agents.fusion import FusionError, Gaussian, ekf_update, merge, rotate_covariance
 from agents.geometry import Pose
 from agents.ports import Odometry, Sighting
-from agents.posefilter import PoseFilter
+from agents.pose.posefilter import PoseFilter
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents import information as info
-from agents.rating import RatingError, configuration_distance, rate
+from agents.planning import information as info
+from agents.planning.rating import RatingError, configuration_distance, rate
 from agents.settings import PlannerSettings
 
 shares = st.floats(0, 1, allow_nan=False)

@@ -33,12 +33,12 @@ from team_helpers import (
 )
 
 from agents.geometry import GridFrame, Pose
-from agents.information import binary_entropy
 from agents.layers import Anchor, OwnLayer
 from agents.maps.occupancy import LARGEST, MAPPED, probability
 from agents.maps.planar import Occupancy, PlanarKind, PlanarSubmap, add_up, nothing, surest
 from agents.maps.planarlook import LookOdds, look_odds, visible_cells
 from agents.payloads import OccupancyPyramid, RawOccupancy
+from agents.planning.information import binary_entropy
 from agents.settings import SensorSettings
 from agents.store import AnchorKey, Origin
 from agents.teammap import TeamMap

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.markov import (
+from agents.ground.markov import (
     MarkovError,
     complete,
     distance_to_known_m,

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from test_agents_strategies import FRAME, PLANNER, choose, cliff, partly_known, view_of
 
-from agents import strategies
 from agents.geometry import Pose, wrap_angle
 from agents.outlook.line import behind_line
 from agents.outlook.survey import Look, Survey, after
 from agents.outlook.trust import trust
-from agents.scene import Scene
+from agents.planning import strategies
+from agents.planning.scene import Scene
 
 
 def wavy(depth: float):

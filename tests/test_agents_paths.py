@@ -9,7 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.paths import PathError, descent_cost, length_m, path_to, straight_legs, travel_field
+from agents.ground.paths import (
+    PathError,
+    descent_cost,
+    length_m,
+    path_to,
+    straight_legs,
+    travel_field,
+)
 
 SIZES = {"cell_m": 0.1, "footprint_m": 0.8, "wheel_m": 0.2}
 

@@ -22,12 +22,12 @@ from planar_helpers import (
 )
 
 from agents import planar
-from agents.information import binary_entropy, plogp, stretched
 from agents.occupancy.view import Means
 from agents.planar import methods
 from agents.planar.casting import HALF, first_ray
 from agents.planar.methods import BINS, RINGS, Memory, Raster
 from agents.planar.sensing import MAPPED
+from agents.planning.information import binary_entropy, plogp, stretched
 from comms.plugins import PluginError
 
 RATED = ("max-new", "min-old", "information", "information-entropy", "information-voxel")

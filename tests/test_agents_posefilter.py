@@ -11,7 +11,7 @@ from test_agents_fusion import STEP, drive, sighting
 from agents.fusion import compose, offset_between, pose_numbers, stand_of_seer
 from agents.geometry import Pose
 from agents.ports import Odometry
-from agents.posefilter import MOST_REMEMBERED, PoseFilter, Remembered
+from agents.pose.posefilter import MOST_REMEMBERED, PoseFilter, Remembered
 
 seeds = st.integers(0, 2**32 - 1)
 quick = settings(max_examples=30, deadline=None)

@@ -19,7 +19,7 @@ from agents.messages import (
     pack_fix,
     pack_status,
 )
-from agents.posefilter import PoseFilter
+from agents.pose.posefilter import PoseFilter
 from agents.robot import Robot
 from agents.sharing.reports import Holdings, Report, pack_report
 from agents.store import AnchorKey, Chunk, Origin, TileKey

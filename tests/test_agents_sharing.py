@@ -342,6 +342,37 @@ def test_a_dead_robots_layer_lives_on_and_reaches_a_latecomer() -> None:
     assert late.store.anchors == dead.store.anchors
 
 
+def test_all_who_have_a_map_tell_a_newcomer_their_part_of_it() -> None:
+    told, all_bytes = dict.fromkeys(range(4), 0), 0
+    for seed in range(8):
+        gossip = team(seed, 1, 4)
+        late = gossip.minds.pop(3)
+        gossip.run_until_equal()
+        gossip.minds[3], joined_s = late, gossip.now_s
+        gossip.payload_bytes = 52
+        gossip.run_until_equal()
+        all_bytes += late.store.payload_bytes
+        for frame in gossip.sent:
+            if frame.kind == Kind.MAP and frame.t_s >= joined_s:
+                told[frame.sender] += len(frame.payload)
+    assert told[3] == 0, "it heard all of it from those who have it"
+    assert min(told[sender] for sender in range(3)) > 0.12 * all_bytes
+    assert sum(told.values()) < 1.35 * all_bytes
+
+
+def test_who_has_its_turn_and_says_nothing_is_not_waited_for() -> None:
+    """One of two that have the map cannot be heard by the newcomer, which nobody knows yet."""
+    gossip = team(2, 1, 3)
+    late = gossip.minds.pop(2)
+    gossip.run_until_equal()
+    gossip.minds[2], joined_s = late, gossip.now_s
+    gossip.hears = lambda sender, receiver, now_s: (sender, receiver) != (0, 2)
+    gossip.run_until_equal()
+    assert has_all_of(late, gossip.minds[0])
+    last_s = max(f.t_s for f in gossip.sent if f.kind == Kind.MAP)
+    assert last_s - joined_s < 120.0
+
+
 @given(seeds, st.floats(0.0, 0.4))
 @quick
 def test_survivors_of_a_robot_that_dies_in_mid_word_end_equal(seed: int, loss: float) -> None:

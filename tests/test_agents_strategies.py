@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from agents import gaze, looks, strategies, surface
-from agents.gaze import Lens
 from agents.geometry import GridFrame, Pose, wrap_angle
-from agents.information import Interest, new_information
-from agents.scene import CLAIMED, Scene, View, ViewError
+from agents.ground import surface
+from agents.planning import looks, strategies
+from agents.planning.information import Interest, new_information
+from agents.planning.scene import CLAIMED, Scene, View, ViewError
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
+from agents.sight import gaze
+from agents.sight.gaze import Lens
 from comms.plugins import PluginError
 
 SENSOR = SensorSettings(range_m=5.0, height_m=1.4, fov_deg=60.0, fov_vertical_deg=45.0)

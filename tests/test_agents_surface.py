@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.surface import standing_out
+from agents.ground.surface import standing_out
 
 CELL_M, WHEEL_M, FOOTPRINT_M = 0.1, 0.2, 0.8
 

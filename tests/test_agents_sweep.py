@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents import gaze, sweep, visibility
-from agents.gaze import Ground, Lens
 from agents.geometry import GridFrame
-from agents.information import binary_entropy
+from agents.planning.information import binary_entropy
+from agents.sight import gaze, sweep, visibility
+from agents.sight.gaze import Ground, Lens
 
 LENS = Lens(math.radians(30.0), math.radians(22.0), 3e-5)
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from agents import crests
-from agents import visibility as vis
 from agents.geometry import GridFrame
+from agents.sight import crests
+from agents.sight import visibility as vis
 
 
 def steps_out(z, frame, eye, range_m, near_m):
@@ -51,7 +51,7 @@ def slow_product(z, sigma, frame, eye, range_m, near_m):
 
 
 def slow_crest(z, sigma, frame, eye, range_m, near_m):
-    """The definition of `agents.crests`, target by target."""
+    """The definition of `agents.sight.crests`, target by target."""
     out, cell = np.zeros(z.shape), frame.cell_m
     shared = crests.shared_points(cell)
     for i, j, flat, points in steps_out(z, frame, eye, range_m, near_m):

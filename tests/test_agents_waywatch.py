@@ -9,15 +9,15 @@ from hypothesis import strategies as st
 from sim_helpers import run
 from stereo_helpers import flat, stage
 
-from agents import rotations
 from agents.geometry import Pose, wrap_angle
 from agents.ports import Glance, Odometry
-from agents.posefilter import PoseFilter
-from agents.rigidmotion import Motion
+from agents.pose import rotations
+from agents.pose.posefilter import PoseFilter
+from agents.pose.rigidmotion import Motion
+from agents.pose.waywatch import LEG, WayWatch, camera_motion, robot_motion
 from agents.settings import DriveSettings, SensorSettings
 from agents.stereo.eyes import left_eye_m, level_from_camera
 from agents.stereo.settings import StereoSettings, glance_calibration
-from agents.waywatch import LEG, WayWatch, camera_motion, robot_motion
 from sim.rover import RoverBody
 from sim.stereo.camera import StereoCamera
 

@@ -10,9 +10,9 @@ from types import ModuleType
 import pytest
 
 from scenarios.cli import make_parser
-from scenarios.overrides import parse_override
-from scenarios.record import EVENT_COLUMNS, FRAME_COLUMNS, LOOK_COLUMNS, MAP_COLUMNS
+from scenarios.records.tables import EVENT_COLUMNS, FRAME_COLUMNS, LOOK_COLUMNS, MAP_COLUMNS
 from scenarios.schema import Scenario, load, parse
+from scenarios.schema.overrides import parse_override
 from scenarios.shelf import names
 
 ROOT = Path(__file__).parents[1]

@@ -16,9 +16,9 @@ from run_helpers import LOW_CLIFF, SMALL, session_of
 
 from comms.timebase import to_s
 from scenarios import cli
-from scenarios.notebook import LogFile, Notebook
-from scenarios.play import Play
-from scenarios.record import EventRow
+from scenarios.logs.notebook import LogFile, Notebook
+from scenarios.records.tables import EventRow
+from scenarios.view.desk import Watched
 from scenarios.view.livepage import LivePage
 
 ROOT = Path(__file__).parents[1]
@@ -66,7 +66,7 @@ def test_no_browser_is_said_and_the_run_goes_on(monkeypatch: pytest.MonkeyPatch)
 
     play = SimpleNamespace(reel=SimpleNamespace(head={}), desk=None)
     try:
-        page.begin(cast("Play", play), "a run")
+        page.begin(cast("Watched", play), "a run")
     finally:
         page.close()
     assert said[0].startswith("Live view: http://127.0.0.1:")

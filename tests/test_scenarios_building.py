@@ -13,8 +13,8 @@ import pytest
 
 import scenarios
 from agents import planar
+from agents.planning.strategies import STRATEGIES
 from agents.sharing import WAYS
-from agents.strategies import STRATEGIES
 from agents.voxel import choosing
 from comms.plugins import PluginError, Plugins
 from scenarios import cli

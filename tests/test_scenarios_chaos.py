@@ -27,14 +27,19 @@ from scenarios.chaos.series import Series, run_one, run_series, shortest
 from scenarios.chaos.small import small_changes
 from scenarios.chaos.trial import Evidence, run_trial
 from scenarios.errors import UsageError
-from scenarios.notebook import Notebook
-from scenarios.record import DELIVERED
+from scenarios.logs.notebook import Notebook
+from scenarios.records.tables import DELIVERED
 from scenarios.schema import Scenario, dump, load, parse
+from scenarios.schema.overrides import parse_override
 from sim.winch import SimWinch
 
 HORIZON_S = 90.0
 LOSSY = Fault("loss", 3.0, 60.0, "all", 0.7)
 RESTART = Fault("restart", 18.0, 10.0, "explorer-2")
+WIDER = ("world.window_m=[12.0, 12.0]", "world.terrain.drop_m=1.5", "map.cell_m=0.25",
+         "sensor.fov_deg=60", "sensor.range_m=12", "sensor.look_s=3", "planner.first_looks=12",
+         "planner.max_looks=12", "tether.rate_mps=0.05")  # fmt: skip
+"""A bank on which a robot looks long enough to be corrected by more than a cell."""
 
 
 @lru_cache
@@ -187,7 +192,9 @@ def test_a_kill_in_one_process_is_a_kill_of_a_process() -> None:
 
 
 def test_a_submap_whose_anchor_was_corrected_is_measured_where_it_lies_now() -> None:
-    drawn = Series(small("cliff"), known_kinds(()), 90.0)
+    wider = [parse_override(text) for text in WIDER]
+    scenario = load("cliff", [*small_changes("cliff"), *wider, "limit_s=1500"])
+    drawn = Series(scenario, known_kinds(()), 90.0)
     evidence = run_trial(drawn.scenario_of(12, drawn.faults(12)))
     assert all(final.moved for final in evidence.finals if final.state == "alive")
     assert violations(evidence) == []

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from scenarios import cli, folder, runner
+from scenarios import cli, runner
 from scenarios.errors import FolderError
+from scenarios.records import folder
 from scenarios.runner import RunOptions
 from scenarios.schema import Scenario
 from sim.errors import WorldError

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from agents.geometry import Floats
 from comms.timebase import NS
-from scenarios import diary
-from scenarios.diary import STEPS, Chart, Diary, LogTail, Note, draw
-from scenarios.notebook import LogFile
+from scenarios.logs import diary
+from scenarios.logs.diary import STEPS, Chart, Diary, LogTail, Note, draw
+from scenarios.logs.notebook import LogFile
 
 ALL = diary.TOPICS
 MAPS = frozenset((diary.TEAM_MAP,))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agents.edge import Edge
+from agents.ground.edge import Edge
 from scenarios.errors import UsageError
 from scenarios.experiments import edge as experiment
 from scenarios.experiments.edge_claims import conclude

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from scenarios import cli, experiments, folder
+from scenarios import cli, experiments
 from scenarios.commands import experiment as command
 from scenarios.commands import run as run_command
 from scenarios.errors import StudyError, UsageError
 from scenarios.experiments import EXPERIMENTS, frame
 from scenarios.experiments.frame import Claim, Experiment, Findings, Options
 from scenarios.experiments.tables import Row, Table, as_csv, as_text, estimate, rows_csv
+from scenarios.records import folder
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

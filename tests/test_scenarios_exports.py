@@ -16,10 +16,10 @@ from rasterio import Affine
 
 from agents.geometry import Floats, Ints
 from scenarios import cli
-from scenarios.diary import Chart
 from scenarios.exports.grids import trinary
 from scenarios.exports.octomap import FREE, HALF, OCCUPIED, tree_bytes
-from scenarios.mapfiles import MapFileError
+from scenarios.formats.rtm import MapFileError
+from scenarios.logs.diary import Chart
 from sim.planar_world import load_map
 from sim.terrain_files import read_elevation
 

@@ -17,15 +17,16 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from comms.profiles import PROFILES, LinkProfile
-from scenarios import linkreal, linktest
 from scenarios.commands import link
 from scenarios.commands.parsing import OK, Parser
 from scenarios.errors import StudyError
-from scenarios.linkfigures import Figures, figures
-from scenarios.linkpage import measured_rows, show
-from scenarios.linkreal import on_real_clock
-from scenarios.linktest import LinkTest, LinkTestError
-from scenarios.linkvirtual import on_virtual_clock
+from scenarios.linktest import real as linkreal
+from scenarios.linktest import transfer as linktest
+from scenarios.linktest.figures import Figures, figures
+from scenarios.linktest.page import measured_rows, show
+from scenarios.linktest.real import on_real_clock
+from scenarios.linktest.transfer import LinkTest, LinkTestError
+from scenarios.linktest.virtual import on_virtual_clock
 
 SOJOURNER = PROFILES["sojourner"]
 ORBITER = PROFILES["orbiter"]

@@ -5,8 +5,8 @@ import pytest
 
 from scenarios import live
 from scenarios.live import LiveView, RobotNow, Snapshot, clock_text, line
-from scenarios.record import Records, TxRow
-from scenarios.report import report
+from scenarios.records.report import report
+from scenarios.records.tables import Records, TxRow
 
 
 class Terminal(io.StringIO):

@@ -17,8 +17,8 @@ from rasterio import Affine
 from scenarios import cli
 from scenarios.commands import map as map_command
 from scenarios.commands import run as run_command
-from scenarios.mapfiles import ElevationMap, MapFileError, pack, unpack
-from scenarios.mapreading import npz_bytes, read_map
+from scenarios.formats.maps import npz_bytes, read_map
+from scenarios.formats.rtm import ElevationMap, MapFileError, pack, unpack
 
 SHARED = Path(os.environ.get("ROPETEAM_SHARED", Path(__file__).parents[2] / "shared"))
 DEMS = sorted((SHARED / "data" / "dem").glob("*.npz"))

@@ -13,12 +13,12 @@ from agents.geometry import Floats
 from agents.maps.occupancy import MAPPED
 from agents.maps.voxel import VoxelOccupancy
 from scenarios.errors import ScenarioError
-from scenarios.overview import Overview, draw, map_facts
-from scenarios.planarscore import PlanarTruth, VoxelTruth
-from scenarios.record import Records
+from scenarios.pictures.overview import Overview, draw, map_facts
+from scenarios.records.summary import Ending, RobotFinal, summarise
+from scenarios.records.tables import Records
 from scenarios.schema import dump, load
+from scenarios.scores.occupancy import PlanarTruth, VoxelTruth
 from scenarios.stage import set_stage
-from scenarios.summary import Ending, RobotFinal, summarise
 
 
 @pytest.fixture(scope="module", params=sorted(SMALL))

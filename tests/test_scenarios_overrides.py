@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from scenarios.errors import ScenarioError
-from scenarios.overrides import apply_overrides, parse_override, parse_value
+from scenarios.schema.overrides import apply_overrides, parse_override, parse_value
 
 
 @pytest.mark.parametrize(

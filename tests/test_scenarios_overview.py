@@ -8,13 +8,13 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from agents.geometry import GridFrame, Singles
-from scenarios.charts import draw_bytes_by_robot, draw_information, sent_kb
-from scenarios.overview import Overview, caption, draw, map_facts
 from scenarios.palette import MANY, in_kind_order, kind_colour, robot_colours
-from scenarios.record import EventRow, LookRow, MapRow, Records, TxRow
+from scenarios.pictures.charts import draw_bytes_by_robot, draw_information, sent_kb
+from scenarios.pictures.overview import Overview, caption, draw, map_facts
+from scenarios.pictures.shading import UNKNOWN_RGB, colours, hillshade, relief
+from scenarios.records.summary import Ending, RobotFinal, Truth, summarise
+from scenarios.records.tables import EventRow, LookRow, MapRow, Records, TxRow
 from scenarios.schema import load
-from scenarios.shading import UNKNOWN_RGB, colours, hillshade, relief
-from scenarios.summary import Ending, RobotFinal, Truth, summarise
 
 FRAME = GridFrame(100.0, 50.0, 0.5, 24, 32)
 

@@ -8,8 +8,8 @@ from occupancy_helpers import small
 from run_helpers import run_of
 from sim_helpers import SHARED
 
-from scenarios.planarscore import PlanarTruth, score_floor, union_floor
 from scenarios.schema import dump, load
+from scenarios.scores.occupancy import PlanarTruth, score_floor, union_floor
 
 BUILDING = SHARED / "data" / "occupancy" / "tetam_lab_0p1.yaml"
 

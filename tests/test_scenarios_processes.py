@@ -1,7 +1,7 @@
 """What a robot's process takes off the air: packets of whoever put them there, and no others."""
 
 from comms.air import Packet
-from scenarios.robotprocess import carried
+from scenarios.crews.robotprocess import carried
 
 
 def packet(sender: str) -> Packet:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.record import (
+from scenarios.records.tables import (
     EventRow,
     LookRow,
     MapRow,

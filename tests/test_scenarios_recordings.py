@@ -34,7 +34,8 @@ from agents.ports import Hardware, Step
 from agents.settings import DriveSettings, SensorSettings
 from agents.stereo.eyes import calibration_of, left_eye_m, level_from_camera
 from comms.timebase import NS, now_ns, sleep_until_ns
-from scenarios import cli, diary
+from scenarios import cli
+from scenarios.logs import diary
 from scenarios.recordings import read
 from scenarios.ros2 import bag as bags
 from scenarios.ros2.cdr import encode

@@ -11,8 +11,8 @@ from run_helpers import Ran, run_of, small
 from agents.robot import Robot
 from scenarios import cli
 from scenarios.errors import StudyError
-from scenarios.handed import BORN, HANDED, Life, Message, read_life
 from scenarios.host import Host
+from scenarios.logs.handed import BORN, HANDED, Life, Message, read_life
 from scenarios.replay import Replayed, replay
 
 CLIFF = ("recon", "cliffbot", "anchor-left", "anchor-right")

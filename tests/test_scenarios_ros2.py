@@ -21,9 +21,9 @@ from run_helpers import RECORDS, small
 from comms import ros2_zenoh, zenoh_air
 from comms.timebase import NS
 from scenarios import cli, runner
-from scenarios.diary import Chart, NoteError
-from scenarios.linkwindows import FramesError, windows_of
-from scenarios.notebook import LogFile
+from scenarios.logs.diary import Chart, NoteError
+from scenarios.logs.notebook import LogFile
+from scenarios.records.linkwindows import FramesError, windows_of
 from scenarios.ros2 import bag, bridge, messages
 from scenarios.ros2.bag import BagError, Stamped, write_bag
 from scenarios.ros2.cdr import encode

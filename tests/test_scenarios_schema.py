@@ -12,8 +12,8 @@ from pydantic import BaseModel
 
 from comms.profiles import resolve
 from scenarios.errors import ScenarioError
-from scenarios.overrides import Override
 from scenarios.schema import Scenario, dump, load, parse
+from scenarios.schema.overrides import Override
 from scenarios.shelf import names
 
 LIBRARY = names()

@@ -3,7 +3,7 @@
 import pytest
 
 from scenarios.chaos.soak import Soaked, soak, soak_faults, soak_scenario
-from scenarios.overrides import parse_override
+from scenarios.schema.overrides import parse_override
 
 QUICK = [parse_override(text) for text in ("air=memory", "robots.count=2", "sensor.look_s=120")]
 

@@ -8,7 +8,7 @@ from stereo_helpers import PAIRS, motorcycle, needs_motorcycle, scored, shot
 
 from agents.stereo.points import Cloud
 from scenarios.cli import main
-from scenarios.stereofiles import (
+from scenarios.formats.stereo import (
     UNMATCHED_BGR,
     StereoError,
     depth_picture,

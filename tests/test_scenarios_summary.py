@@ -9,9 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.geometry import Singles
-from scenarios.record import LookRow, Records, RxRow, TxRow
-from scenarios.schema import load
-from scenarios.summary import (
+from scenarios.records.summary import (
     Ending,
     HostCost,
     ProcessCost,
@@ -25,6 +23,8 @@ from scenarios.summary import (
     union_map,
     write_json,
 )
+from scenarios.records.tables import LookRow, Records, RxRow, TxRow
+from scenarios.schema import load
 
 NAN = float("nan")
 

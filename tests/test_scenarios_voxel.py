@@ -7,9 +7,8 @@ import trimesh
 from occupancy_helpers import small
 from run_helpers import run_of
 
-from scenarios.cavern import floor_heights
-from scenarios.planarscore import VoxelTruth
 from scenarios.schema import load
+from scenarios.scores.occupancy import VoxelTruth, floor_heights
 from scenarios.stage import set_stage
 
 

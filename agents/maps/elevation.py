@@ -165,8 +165,11 @@ class ElevationKind:
 
     @property
     def least_bits_per_byte(self) -> float:
-        """A cell measured to centimetres has about five bits: some ten cells for 100 bytes."""
-        return 0.5
+        """A cell measured to centimetres has about five bits: some three cells for 100 bytes.
+
+        A link that has better to send sends that first; this is what an idle one is used for.
+        """
+        return 0.15
 
     @property
     def margin_cells(self) -> int:

@@ -51,7 +51,7 @@ class OccupancyKind:
 
     @property
     def least_bits_per_byte(self) -> float:
-        """A mapped cell has less than one bit: some ten cells for 100 bytes, as on the ground."""
+        """A mapped cell has less than one bit: some ten cells for 100 bytes."""
         return 0.08
 
     @property

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame
-from agents.information import binary_entropy
 from agents.layers import Anchor, drawn_cells
 from agents.maps.kind import EVERYWHERE, Shape, Window
 from agents.maps.occupancy import LARGEST, MAPPED, Counts, OccupancyKind, probability, surer
 from agents.maps.planarlook import LookOdds
+from agents.planning.information import binary_entropy
 from agents.tiles import TileGrid
 from comms.codec import EncodedTile
 

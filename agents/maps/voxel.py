@@ -10,11 +10,11 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame
-from agents.information import binary_entropy
 from agents.layers import Anchor, drawn_at
 from agents.maps.kind import EVERYWHERE
 from agents.maps.occupancy import LARGEST, Counts, OccupancyKind, probability, surer
 from agents.maps.voxellook import VoxelLook
+from agents.planning.information import binary_entropy
 from agents.tiles import Shape, TileGrid, Window
 from agents.voxel.frame import CUBE, Block, VoxelFrame, VoxelSet, by_block
 from agents.voxel.tiles import VoxelTiles

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from agents.anchoring import submap_name
 from agents.fusion import offset_between, rotate_covariance
 from agents.geometry import Pose, wrap_angle
 from agents.layers import Mask
-from agents.localising import GATE
 from agents.mapper import Expected, NextLook
 from agents.occupancy.matching import Match
 from agents.occupancy.view import Situation
 from agents.ports import Exposure
+from agents.pose.anchoring import submap_name
+from agents.pose.localising import GATE
 
 if TYPE_CHECKING:
     from agents.robot import Robot
@@ -138,7 +138,7 @@ class OccupancyMapper:
         situation = Situation(
             pose=robot.pose,
             others=tuple(mate.status.pose for _, mate in sorted(robot.mates.items())),
-            claims=tuple(robot.regions(wished=False)),
+            claims=tuple(robot.interest.regions(wished=False)),
             variance=(x, y, z, yaw),
         )
         return self.sense.view(robot.team.fused(), situation)

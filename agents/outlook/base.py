@@ -5,8 +5,8 @@ from typing import Protocol
 import numpy as np
 
 from agents.geometry import Pose, Singles
-from agents.looks import LookPlan, expected_visibility
-from agents.scene import View
+from agents.planning.looks import LookPlan, expected_visibility
+from agents.planning.scene import View
 
 
 class Strategy(Protocol):

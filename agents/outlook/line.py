@@ -8,8 +8,8 @@ side: a line that may be driven along wherever the edge strays.
 import cv2
 import numpy as np
 
-from agents import surface
 from agents.geometry import Bools, Floats
+from agents.ground import surface
 
 FALL_WHEELS = 2.0
 """The rim is where the ground falls by more than so many wheels ..."""

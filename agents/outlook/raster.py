@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 from agents.geometry import Ints
-from agents.looks import Gains, LookPlan, look_gains, plan
 from agents.outlook.base import Rated
-from agents.scene import Scene, View
+from agents.planning.looks import Gains, LookPlan, look_gains, plan
+from agents.planning.scene import Scene, View
 
 
 class Raster(Rated):

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents import gaze, sweep
-from agents.gaze import Lens
 from agents.geometry import Bools, Floats, Ints
-from agents.looks import Stage, eye_at, stage_of
-from agents.scene import Scene
-from agents.sweep import RISE_BINS, TURN_BINS
+from agents.planning.looks import Stage, eye_at, stage_of
+from agents.planning.scene import Scene
+from agents.sight import gaze, sweep
+from agents.sight.gaze import Lens
+from agents.sight.sweep import RISE_BINS, TURN_BINS
 
 FAINT = 0.01
 """Chances below this are taken for none."""

@@ -11,8 +11,8 @@ It differs from the paper's fifth method in these:
   after it what it shows;
 - heading, tilt and place are refined, down to degrees and single cells.
 
-What team-mates said that they will look at counts less already (`agents.scene`): nobody leads, and
-one that falls silent drops out of the view with its claim.
+What team-mates said that they will look at counts less already (`planning.scene`): nobody leads,
+and one that falls silent drops out of the view with its claim.
 """
 
 import math
@@ -20,12 +20,12 @@ import math
 import numpy as np
 
 from agents.geometry import Floats, Ints, Pose, Singles
-from agents.looks import Gains, LookPlan, expected_visibility, plan
-from agents.markov import Border
+from agents.ground.markov import Border
 from agents.outlook.survey import Look, Site, Survey, after
 from agents.outlook.trust import trust
-from agents.rating import rate
-from agents.scene import Scene, View
+from agents.planning.looks import Gains, LookPlan, expected_visibility, plan
+from agents.planning.rating import rate
+from agents.planning.scene import Scene, View
 
 SIGHT: Border = "mirror"
 """Unknown ground is taken to go on as the known does at its rim, not to fall away."""

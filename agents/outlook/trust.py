@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from agents.geometry import Floats
-from agents.scene import View
+from agents.planning.scene import View
 
 NEAR_M = 1.5
 """Standard deviation of the bell by which neighbours count."""

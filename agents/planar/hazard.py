@@ -16,7 +16,7 @@ from itertools import pairwise
 import numpy as np
 
 from agents.geometry import Bools, Floats, Ints
-from agents.markov import distance_to_known_m
+from agents.ground.markov import distance_to_known_m
 from agents.planar.hazard_data import LAYERS
 from agents.planar.surroundings import NUMBERS, surroundings
 from agents.planar.view import PlanarView

@@ -23,11 +23,11 @@ from typing import Protocol
 import numpy as np
 
 from agents.geometry import Bools, Floats, Ints, Pose
-from agents.information import Interest, binary_entropy, plogp, stretched
 from agents.planar.casting import Star, first_ray, gains, tallies, visibility, windows
 from agents.planar.scene import Means, Scene
 from agents.planar.view import PlanarLook, PlanarView
-from agents.rating import rate
+from agents.planning.information import Interest, binary_entropy, plogp, stretched
+from agents.planning.rating import rate
 
 BINS = 33
 """Bins of the histograms of Eqs. 6 and 8."""

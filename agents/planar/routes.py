@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents import paths
 from agents.geometry import Floats, Ints
+from agents.ground import paths
 from agents.planar.prospects import Prospects
 from agents.planar.scene import Scene
 

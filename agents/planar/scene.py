@@ -4,9 +4,9 @@ from functools import cached_property
 
 import numpy as np
 
-from agents import paths
 from agents.geometry import Bools, Floats, Ints
-from agents.markov import complete, distance_to_known_m
+from agents.ground import paths
+from agents.ground.markov import complete, distance_to_known_m
 from agents.occupancy.passing import StopPrior, stop_share
 from agents.occupancy.view import Means
 from agents.planar.casting import HALF, Star, star_of

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from agents.geometry import Floats, GridFrame, Ints
-from agents.markov import distance_to_known_m
+from agents.ground.markov import distance_to_known_m
 from comms import kernels
 from comms.kernels import kernel
 

@@ -16,8 +16,8 @@ It differs from the paper's fifth method in five ways:
 
 import numpy as np
 
-from agents import paths
 from agents.geometry import Floats, Ints
+from agents.ground import paths
 from agents.planar.casting import Star, gains, windows, yaw_of
 from agents.planar.hazard import Hazard
 from agents.planar.looksets import COARSE, look_sets, sectors

@@ -11,6 +11,8 @@ A frame that was sent counts as heard by all. Three things say otherwise, each i
 So a team that loses nothing spends nothing on it but the marks.
 """
 
+import hashlib
+import struct
 from dataclasses import dataclass
 
 from agents.settings import SharingSettings
@@ -18,7 +20,7 @@ from agents.sharing.beliefs import GUARD_S, Believed, Stretch
 from agents.sharing.frames import SETTLING_S, Ears, FrameLog, Logged
 from agents.sharing.reports import Acks, Report, pack_report
 from agents.sharing.teller import Teller
-from agents.store import AnchorKey, Origin, Store, TileKey
+from agents.store import AnchorKey, Origin, Store, TileKey, Version
 
 FIRST_WAIT_S = 30.0
 LONGEST_WAIT_S = 480.0
@@ -27,6 +29,8 @@ NEWS_S = 10.0
 """A lost frame may wait so long to be named, for others to be named with it."""
 NEAR_S = 600.0
 """Where only those near by count: who was not heard for so long is near no more."""
+YOUNG_FRAMES = 8
+"""Who has sent more was there before this robot, if this robot never heard of it."""
 DEAF_FRAMES = 3
 """Who has heard none of so many frames of a sender does not hear it."""
 
@@ -97,6 +101,8 @@ class Repair:
         self._changed_s = -1e9
         self._new_lives: set[int] = set()
         """Team-mates whose present life has not yet said what it has."""
+        self._began_s: dict[int, float] = {}
+        """When each team-mate's present life was first heard: frames before were not for it."""
         self._differing: dict[int, tuple[float, float]] = {}
         """By team-mate whose mark differed: not before when all is said again, and then how long
         to wait."""
@@ -150,9 +156,12 @@ class Repair:
             self._is_near(sender.robot, now_s)
         is_new = self._ears.hear(*sender, seq, now_s)
         if is_new:
-            # A life of which nothing was heard before: it may have heard nothing either.
-            self.believed[sender.robot].forget()
+            # A life of which nothing was heard before: it may have heard nothing either. Unless it
+            # is this robot that has only come.
+            if sender.robot in self._began_s or seq < YOUNG_FRAMES:
+                self.believed[sender.robot].forget()
             self._new_lives.add(sender.robot)
+            self._began_s[sender.robot] = now_s
         elif self._ears.lost_since_s() is not None:
             self.clock.want(now_s + NEWS_S)
         return is_new
@@ -217,6 +226,8 @@ class Repair:
             upto, since_s = self._acked.get(listener, (-1, now_s))
             self._acked[listener] = (acks.upto, now_s)
             unheard = [f for f in unheard if f.t_s > since_s and upto == acks.upto]
+        else:
+            unheard = [f for f in unheard if f.t_s > self._began_s.get(listener, -1.0)]
         pair = (listener, acks.robot)
         if (len(unheard) >= DEAF_FRAMES) != (pair in self.deaf):
             self.deaf ^= {pair}
@@ -227,6 +238,23 @@ class Repair:
     def listeners(self) -> list[Believed]:
         """What those team-mates have that hear this robot, or may."""
         return [b for peer, b in self.believed.items() if (peer, self.me.robot) not in self.deaf]
+
+    def before_me(self, key: TileKey, version: Version) -> int:
+        """Count the team-mates whose turn it is to send a tile before it is this robot's.
+
+        Whoever holds as much of it, and is heard by all who lack some, could send it just as well;
+        a hash that is other for each tile says who begins with which (rendezvous hashing; Thaler
+        and Ravishankar, 1998). So many holders catch one listener up together, without a word.
+        """
+        held = {peer: b.prefix_of(key, version) for peer, b in self.believed.items()}
+        lacking = [peer for peer, prefix in held.items() if prefix < version.prefix_bytes]
+        mine = _lot(self.me.robot, key)
+        return sum(
+            prefix >= version.prefix_bytes
+            and _lot(peer, key) < mine
+            and not any((listener, peer) in self.deaf for listener in lacking)
+            for peer, prefix in held.items()
+        )
 
     # --- what is said -----------------------------------------------------------------------
 
@@ -257,6 +285,12 @@ class Repair:
         if self._ears.lost_since_s() is not None:
             self.clock.want(now_s + SETTLING_S)
         return payload
+
+
+def _lot(robot: int, key: TileKey) -> int:
+    """Return the lot of a robot for a tile: the lowest goes first."""
+    packed = struct.pack("<5q", robot, *key)
+    return int.from_bytes(hashlib.blake2s(packed, digest_size=8).digest(), "little")
 
 
 def _fitting(acks: tuple[Acks, ...], room_bytes: int) -> tuple[Acks, ...]:

@@ -7,8 +7,9 @@ frame serves all who hear it; loss of a frame costs that frame and a few bytes o
 (`agents.sharing.repair`).
 """
 
+import math
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from agents.disk import DiskError
 from agents.messages import CHUNK_HEADER_BYTES, pack_anchor, pack_chunks
@@ -21,6 +22,11 @@ from comms.frames import Kind
 
 SMALLEST_CHUNK_BYTES = 16
 """No chunk of another tile is begun in less room than this at the end of a frame."""
+ANOTHERS_TURN = 1 / 8
+"""Times the worth of what a team-mate could send as well, and whose turn it is: first the own part.
+"""
+TURN_S = 5.0
+"""So long nobody else sends what a team-mate could send as well, and whose turn it is."""
 FRESH = -1
 """Stands for the version that is to be published next; those heard are numbered from 0."""
 
@@ -52,6 +58,15 @@ class Offer:
     density: float
     version: int
     start: int = 0
+    end: int = 0
+    """Where the level ends for which the density holds."""
+    turn: int = 0
+    """How many team-mates could send it as well, and have their turn before."""
+    since_s: float = 0.0
+
+    def may_go(self, now_s: float) -> bool:
+        """Say whether whose turn it was has had the time to send it."""
+        return now_s >= self.since_s + self.turn * TURN_S
 
 
 @dataclass
@@ -75,6 +90,7 @@ class Value(Policy):
         self._steps: dict[tuple[TileKey, int], Steps] = {}
         self._offers: dict[TileKey, Offer] = {}
         self._stale: set[TileKey] = set()
+        self._now_s = 0.0
         self._has_horizon = desk.settings.horizon_m is not None
         self._beyond: dict[int, bool] = {}
         """By tile: whether it is too far off to be passed on."""
@@ -93,6 +109,7 @@ class Value(Policy):
 
     def heard_frame(self, heard: Heard) -> None:
         """Note that a frame was heard, whatever is in it."""
+        self._now_s = heard.now_s
         if self.repair.heard(heard.sender, heard.seq, heard.now_s):
             self._stale.update(self.store.keys())
 
@@ -129,6 +146,7 @@ class Value(Policy):
             DiskError: all that is worth sending waits for a disk that takes nothing.
 
         """
+        self._now_s = free.now_s
         anchor = self._missing_anchor()
         if anchor is not None:
             known = self.store.anchors[anchor]
@@ -171,9 +189,9 @@ class Value(Policy):
         room = free.payload_bytes
         while room >= CHUNK_HEADER_BYTES + SMALLEST_CHUNK_BYTES:
             self._refresh()
-            key = self._best()
-            if key is None:
-                break
+            key = self._best(free.now_s)
+            if key is None or (chunks and self._offers[key].turn):
+                break  # whose turn it is may be sending it right now
             if self._offers[key].version == FRESH:
                 try:
                     self._publish(key)
@@ -181,9 +199,14 @@ class Value(Policy):
                     refused[key] = error
                     del self._offers[key]
                 continue
+            begun = chunks[-1] if chunks and chunks[-1].key == key else None
             chunk = self._chunk(key, room - CHUNK_HEADER_BYTES)
-            chunks.append(chunk)
-            room -= CHUNK_HEADER_BYTES + len(chunk.data)
+            room -= len(chunk.data)
+            if begun is not None and begun.version == chunk.version:
+                chunks[-1] = replace(begun, data=begun.data + chunk.data)
+            else:
+                chunks.append(chunk)
+                room -= CHUNK_HEADER_BYTES
             self.repair.goes_out(stretch_of(chunk), free.now_s)
             self._stale.add(key)
         self._stale.update(refused)
@@ -193,11 +216,13 @@ class Value(Policy):
             self.repair.sent(free.seq, free.now_s, tuple(stretch_of(c) for c in chunks))
         return chunks
 
-    def _best(self) -> TileKey | None:
-        """Return the tile whose offer is worth most per byte, if any is worth a byte."""
+    def _best(self, now_s: float = math.inf) -> TileKey | None:
+        """Return the tile whose offer is worth most per byte, if any is worth a byte by then."""
         best, best_density = None, self.least_density
-        for key in self._offers:
-            density = self._offers[key].density
+        for key, offer in self._offers.items():
+            density = offer.density
+            if offer.turn and not offer.may_go(now_s):
+                continue
             if density > best_density or (density == best_density and best and key < best):
                 best, best_density = key, density
         return best
@@ -206,18 +231,20 @@ class Value(Policy):
         offer = self._offers[key]
         version = self.store.version(key, offer.version)
         assert version is not None
-        # What fits beyond the wished level goes along: the next level begins where this one ends.
-        end = min(offer.start + room, version.prefix_bytes)
+        end = min(offer.start + room, offer.end)
         data = bytes(version.data[offer.start : end])
         return Chunk(key, version.number, version.total, offer.start, data)
 
     def _refresh(self) -> None:
         """Work out the offers of all tiles that changed."""
         for key in sorted(self._stale):
-            offer = self._offer(key)
-            if offer is None:
-                self._offers.pop(key, None)
-            else:
+            before, offer = self._offers.pop(key, None), self._offer(key)
+            if offer is not None:
+                has_waited = before is not None and (before.turn, before.version) == (
+                    offer.turn,
+                    offer.version,
+                )
+                offer.since_s = before.since_s if before and has_waited else self._now_s
                 self._offers[key] = offer
         self._stale.clear()
 
@@ -262,16 +289,20 @@ class Value(Policy):
             return None
         steps = self._steps_of(key, version)
         have = [b.bits_of(key, version, self._steps) for b in listeners]
-        best_density = 0.0
+        best_density, best_end = 0.0, version.prefix_bytes
         for end, bits in zip(steps.ends, steps.bits, strict=True):
             if end <= start:
                 continue
             gain = sum(max(0.0, bits - had) for had in have)
             density = self.weight(key) * gain / (end - start + CHUNK_HEADER_BYTES)
-            best_density = max(best_density, density)
+            if density > best_density:
+                best_density, best_end = density, end
+        turn = self.repair.before_me(key, version)
+        best_density *= ANOTHERS_TURN**turn
         # A payload that was begun is finished once nothing better is left: the last level alone
         # is exact, and what it adds to a mask counts for more than its bits say.
-        return Offer(max(best_density, self.least_density * 1.01), version.number, start)
+        density = max(best_density, self.least_density * 1.01)
+        return Offer(density, version.number, start, best_end, turn)
 
     def _offer_to_publish(self, key: TileKey) -> Offer | None:
         """Return what a new version of an own tile would be worth, by an estimate of its size."""

@@ -1,7 +1,7 @@
 """How a pair of cameras moved, from the ground that it saw before and after (Fig. 14).
 
 Fiducials are chosen (Eqs. 17, 18), followed, measured in both pairs, checked against each other,
-and the motion is what Eqs. 10 to 13 make of those that agree (`agents.egomotion`). Where there is
+and the motion is what Eqs. 10 to 13 make of those that agree (`pose.egomotion`). Where there is
 no motion to be had, a `Step` says why.
 """
 
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents.egomotion import Found, Tracks, find_motion
 from agents.geometry import Bools, Floats
-from agents.rigidmotion import EgomotionError, Motion
+from agents.pose.egomotion import Found, Tracks, find_motion
+from agents.pose.rigidmotion import EgomotionError, Motion
 from agents.stereo import tracks
 from agents.stereo.calibration import Calibration
 from agents.stereo.conditions import ill_conditions

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from agents.geometry import Bools, Floats
-from agents.rigidmotion import Motion
+from agents.pose.rigidmotion import Motion
 from agents.stereo.calibration import Calibration
 from agents.stereo.interest import nearest_pixels
 from agents.stereo.matching import Matched

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Floats, Ints
-from agents.information import binary_entropy, plogp, stretched
 from agents.planar.sensing import MAPPED
-from agents.rating import rate
+from agents.planning.information import binary_entropy, plogp, stretched
+from agents.planning.rating import rate
 from agents.voxel.casting import DISTANCES, Kinds, cast, first_bearing
 from agents.voxel.scene import Scene
 from agents.voxel.view import Means, VoxelChoice, VoxelView

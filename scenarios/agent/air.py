@@ -11,7 +11,7 @@ from dataclasses import replace
 from comms.air import Handler, Packet
 from comms.timebase import now_ns, to_s
 from comms.zenoh_air import TransportError, Wire
-from scenarios.robotprocess import carried
+from scenarios.crews.robotprocess import carried
 
 LATEST_NS = 2_000_000_000
 """Clocks of a team agree to this: a packet that says to be from further off is from now."""

@@ -27,9 +27,9 @@ from comms.zenoh_air import Wire, open_client
 from comms.zenoh_security import Credentials
 from scenarios.agent.air import AgentAir
 from scenarios.agent.settings import AgentFile
-from scenarios.notebook import LogFile, Notebook
-from scenarios.realtime import SWITCH_S
-from scenarios.record import EventRow, LookRow, write_atomic
+from scenarios.crews.realserve import SWITCH_S
+from scenarios.logs.notebook import LogFile, Notebook
+from scenarios.records.tables import EventRow, LookRow, write_atomic
 from sim.clock import ScaledLoop
 
 STATUS_S = 2.0

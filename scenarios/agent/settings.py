@@ -21,8 +21,8 @@ from comms.frames import MAX_KEY_BYTES, MAX_TEAM, MIN_KEY_BYTES
 from comms.linksettings import TeamLinks
 from comms.settings import Settings
 from scenarios.errors import ScenarioError
-from scenarios.problems import sentences
 from scenarios.schema import Name, Role
+from scenarios.schema.problems import sentences
 
 EPOCH = "2026-01-01T00:00:00+00:00"
 

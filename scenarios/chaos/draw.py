@@ -7,8 +7,8 @@ import numpy as np
 
 from scenarios.chaos.faults import KINDS, LINK_KINDS, Fault, Table, heal_links
 from scenarios.errors import UsageError
-from scenarios.events import Event, check_events
 from scenarios.schema import Scenario
+from scenarios.schema.events import Event, check_events
 
 PURPOSE = 0xC4A05
 """Sets the dice of faults apart from all others of a seed."""

@@ -17,7 +17,7 @@ from agents.store import AnchorKey
 from comms.faults import Verdict
 from comms.profiles import resolve
 from scenarios.chaos.trial import Evidence
-from scenarios.record import DELIVERED, NOT_YET_ARRIVED, RECEIVER_DOWN, SENDER_DIED, MapRow
+from scenarios.records.tables import DELIVERED, NOT_YET_ARRIVED, RECEIVER_DOWN, SENDER_DIED, MapRow
 
 SURE = 1e-3
 """Maps are told in single precision; so much more than was measured is nothing."""

@@ -3,7 +3,7 @@
 Everything else is what always runs: codec, radio, sharing, repair, disk, fusion, clock.
 """
 
-from scenarios.overrides import Override, parse_override
+from scenarios.schema.overrides import Override, parse_override
 from scenarios.shelf import find, read
 
 SMALL = (
@@ -33,21 +33,23 @@ SMALL = (
 )
 
 LEDGE = (
-    "world.window_m=[12.0, 12.0]",
-    "world.terrain.drop_m=1.5",
+    "world.window_m=[10.0, 9.0]",
+    "world.terrain.drop_m=1",
     "world.terrain.slope_deg=30",
     "world.terrain.lip_m=1",
     "world.terrain.edge_meander_m=0",
     "world.terrain.roughness_m=0",
     "world.terrain.texture_poor=0",
-    "sensor.fov_deg=60",
+    "map.cell_m=0.5",
+    "sensor.fov_deg=140",
     "sensor.columns=64",
     "sensor.rows=48",
-    "sensor.range_m=12",
+    "sensor.range_m=9",
     "sensor.noise_s=0.0002",
-    "sensor.look_s=3",
-    "planner.first_looks=12",
-    "planner.max_looks=12",
+    "sensor.look_s=10",
+    "planner.first_looks=3",
+    "planner.max_looks=3",
+    "tether.rate_mps=0.3",
 )
 """For a team with a Cliff-bot: a bank, and a camera that shows the way down it in one round."""
 

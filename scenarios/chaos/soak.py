@@ -15,13 +15,13 @@ from scenarios.chaos.draw import draw_faults, under
 from scenarios.chaos.faults import KINDS, Fault
 from scenarios.chaos.small import small_changes
 from scenarios.chaos.trial import folder_in_memory, stage_of
-from scenarios.crew import Crew, MemoryCrew
+from scenarios.crews.crew import Crew, MemoryCrew
+from scenarios.crews.processes import ZenohCrew, start_fork_server
+from scenarios.crews.robotprocess import unique_bytes
 from scenarios.live import LiveView
-from scenarios.overrides import Override, parse_override
-from scenarios.processes import ZenohCrew, start_fork_server
-from scenarios.robotprocess import unique_bytes
+from scenarios.play.virtual import VirtualRun
 from scenarios.schema import Scenario, load
-from scenarios.virtual import VirtualRun
+from scenarios.schema.overrides import Override, parse_override
 from scenarios.wire import Report
 
 SPAN_S = 1800.0

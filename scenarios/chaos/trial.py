@@ -3,7 +3,6 @@
 import os
 import shutil
 import tempfile
-import tomllib
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -13,16 +12,16 @@ from pathlib import Path
 from typing import Any, cast
 
 from comms.timebase import to_s
-from scenarios.crew import Crew, MemoryCrew, Obituary
-from scenarios.ending import Actor
-from scenarios.ledger import Ledger
+from scenarios.crews.crew import Crew, MemoryCrew, Obituary
+from scenarios.crews.processes import ZenohCrew, start_fork_server
 from scenarios.live import LiveView
-from scenarios.processes import ZenohCrew, start_fork_server
-from scenarios.record import Records
-from scenarios.schema import Scenario, dump, parse
+from scenarios.play.actor import Actor
+from scenarios.play.virtual import VirtualRun
+from scenarios.records.summary import RobotFinal
+from scenarios.records.tables import Records
+from scenarios.schema import Scenario
+from scenarios.scores.ledger import Ledger
 from scenarios.stage import Stage, set_stage
-from scenarios.summary import RobotFinal
-from scenarios.virtual import VirtualRun
 from scenarios.wire import Report
 from sim.motion import Segment
 
@@ -80,7 +79,7 @@ def run_trial(scenario: Scenario) -> Evidence:
             start_fork_server()
             crew: Crew = ZenohCrew()
         else:
-            crew = MemoryCrew()
+            crew = MemoryCrew(counts_cost=False)
         play = _Watched(stage_of(scenario), out, crew)
         try:
             play.play()
@@ -102,17 +101,16 @@ def run_trial(scenario: Scenario) -> Evidence:
 
 
 def stage_of(scenario: Scenario) -> Stage:
-    """Return the stage of a scenario; the ground of the last few is kept."""
-    ground = scenario.model_copy(update={"events": (), "air": "memory"})
-    if scenario.world.seed is not None:
-        ground = ground.model_copy(update={"seed": 0})
-    made = _made_stage(dump(ground))
-    return Stage(scenario, made.terrain, made.starts, made.goal_m)
+    """Return the stage of a scenario; the worlds of the last few are kept, truth and all."""
+    if scenario.world.seed is None:
+        return set_stage(scenario)
+    still = scenario.model_copy(update={"events": (), "air": "memory", "seed": 0})
+    return _made_stage(still.model_dump_json()).under(scenario)
 
 
 @lru_cache(maxsize=4)
 def _made_stage(text: str) -> Stage:
-    return set_stage(parse(tomllib.loads(text), "chaos"))
+    return set_stage(Scenario.model_validate_json(text))
 
 
 @contextmanager

@@ -45,7 +45,7 @@ def add(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     series = _series(args)
     from scenarios.chaos.series import run_series
-    from scenarios.summary import write_json
+    from scenarios.records.summary import write_json
 
     tally = run_series(series, args.seed, args.runs, jobs=args.jobs, told=_tell)
     for failure in tally.failures:
@@ -62,8 +62,8 @@ def _series(args: argparse.Namespace) -> "Series":
     from scenarios.chaos.draw import known_kinds
     from scenarios.chaos.series import Series
     from scenarios.chaos.small import small_changes
-    from scenarios.overrides import parse_override
     from scenarios.schema import load
+    from scenarios.schema.overrides import parse_override
 
     if args.runs < 1 or args.jobs < 1:
         raise UsageError(f"--runs {args.runs} --jobs {args.jobs}: both must be at least 1")

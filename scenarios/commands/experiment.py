@@ -78,7 +78,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _folder(args: argparse.Namespace) -> Path:
-    from scenarios import folder
+    from scenarios.records import folder
 
     if args.out is not None:
         return Path(args.out)

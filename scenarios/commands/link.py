@@ -8,7 +8,7 @@ from scenarios.commands.parsing import OK, Commands, Parser, number, whole
 
 if TYPE_CHECKING:
     from comms.profiles import LinkProfile
-    from scenarios.linktest import LinkTest, Trial
+    from scenarios.linktest.transfer import LinkTest, Trial
 
 EXAMPLES = """\
 examples:
@@ -63,8 +63,8 @@ def add(commands: Commands) -> None:
 
 
 def _test(args: argparse.Namespace) -> int:
-    from scenarios.linkfigures import figures
-    from scenarios.linktest import LinkTest
+    from scenarios.linktest.figures import figures
+    from scenarios.linktest.transfer import LinkTest
 
     test = LinkTest(_profile(args), args.bytes, args.seed)
     test.check()
@@ -74,7 +74,7 @@ def _test(args: argparse.Namespace) -> int:
 
         print(json.dumps({"profile": test.profile.name, "clock": args.clock} | asdict(found)))
     else:
-        from scenarios.linkpage import show
+        from scenarios.linktest.page import show
 
         show(test, args.clock, found, _said(args))
     return OK
@@ -86,12 +86,12 @@ def _said(args: argparse.Namespace) -> str:
 
 def _trial(test: "LinkTest", args: argparse.Namespace) -> "Trial":
     if args.clock == "virtual":
-        from scenarios.linkvirtual import on_virtual_clock
+        from scenarios.linktest.virtual import on_virtual_clock
 
         return on_virtual_clock(test)
     from rich.console import Console
 
-    from scenarios.linkreal import on_real_clock
+    from scenarios.linktest.real import on_real_clock
 
     with Console(stderr=True).status(f"sending: about {test.about_s():,.0f} s"):
         return on_real_clock(test)
@@ -104,7 +104,7 @@ def _profile(args: argparse.Namespace) -> "LinkProfile":
     from comms.linksettings import AllLinks, TeamLinks
     from comms.profiles import resolve
     from scenarios.errors import ScenarioError
-    from scenarios.problems import sentences
+    from scenarios.schema.problems import sentences
 
     options, settings = _settings(args)
     try:
@@ -120,7 +120,7 @@ def _profile(args: argparse.Namespace) -> "LinkProfile":
 def _settings(args: argparse.Namespace) -> tuple[dict[str, str], dict[str, Any]]:
     """Return (the option that said so, the value) by key; what is said last counts."""
     from scenarios.errors import UsageError
-    from scenarios.overrides import parse_override
+    from scenarios.schema.overrides import parse_override
 
     options: dict[str, str] = {}
     settings: dict[str, Any] = {}

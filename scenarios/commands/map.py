@@ -8,7 +8,7 @@ from scenarios.commands.parsing import OK, Commands, Parser, number
 from scenarios.errors import UsageError
 
 if TYPE_CHECKING:
-    from scenarios.mapfiles import ElevationMap
+    from scenarios.formats.rtm import ElevationMap
 
 _DESCRIPTION = """\
 Packs an elevation map so that every known cell comes back within a bound that you choose, and the
@@ -59,8 +59,8 @@ def add(commands: Commands) -> None:
 
 def _pack(args: argparse.Namespace) -> int:
     _check_target(args, ".rtm")
-    from scenarios.mapfiles import pack, unpack, write_file
-    from scenarios.mapreading import npz_bytes, read_map
+    from scenarios.formats.maps import npz_bytes, read_map
+    from scenarios.formats.rtm import pack, unpack, write_file
 
     given = read_map(args.source, args.cell_m)
     data = pack(given, args.max_error)
@@ -80,8 +80,8 @@ def _pack(args: argparse.Namespace) -> int:
 
 def _unpack(args: argparse.Namespace) -> int:
     _check_target(args, ".npz")
-    from scenarios.mapfiles import read_packed, write_file
-    from scenarios.mapreading import npz_bytes
+    from scenarios.formats.maps import npz_bytes
+    from scenarios.formats.rtm import read_packed, write_file
 
     packed = read_packed(args.source)
     data = npz_bytes(packed.map)
@@ -92,8 +92,8 @@ def _unpack(args: argparse.Namespace) -> int:
 
 
 def _info(args: argparse.Namespace) -> int:
-    from scenarios.mapfiles import is_packed, read_packed
-    from scenarios.mapreading import read_map
+    from scenarios.formats.maps import read_map
+    from scenarios.formats.rtm import is_packed, read_packed
 
     _check_exists(args.source)
     if is_packed(args.source):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from scenarios.errors import UsageError
 
 if TYPE_CHECKING:
-    from scenarios.crew import Crew
+    from scenarios.crews.crew import Crew
     from scenarios.schema import Scenario
 
 

@@ -10,9 +10,9 @@ from scenarios.commands.places import add_places, crew_on_hosts
 from scenarios.errors import FolderError, ScenarioError, UsageError
 
 if TYPE_CHECKING:
-    from scenarios.overrides import Override
     from scenarios.runner import Beside
     from scenarios.schema import Scenario
+    from scenarios.schema.overrides import Override
     from scenarios.view.livepage import LivePage
 
 DISK = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO)
@@ -132,8 +132,8 @@ def _in_ros2() -> "Beside":
 
 
 def _load(args: argparse.Namespace) -> "Scenario":
-    from scenarios.overrides import parse_override
     from scenarios.schema import load
+    from scenarios.schema.overrides import parse_override
 
     changes = [*_clock_changes(args), *(parse_override(text) for text in args.sets)]
     scenario = load(args.scenario, changes, seed=args.seed)
@@ -143,7 +143,7 @@ def _load(args: argparse.Namespace) -> "Scenario":
 
 
 def _clock_changes(args: argparse.Namespace) -> "list[Override]":
-    from scenarios.overrides import Override
+    from scenarios.schema.overrides import Override
 
     changes: list[Override] = []
     if args.clock is not None:
@@ -156,7 +156,7 @@ def _clock_changes(args: argparse.Namespace) -> "list[Override]":
 
 
 def _folder(args: argparse.Namespace, scenario: "Scenario") -> Path:
-    from scenarios import folder
+    from scenarios.records import folder
 
     if args.out is not None:
         out = Path(args.out)

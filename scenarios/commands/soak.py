@@ -29,8 +29,8 @@ def add(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     from scenarios.chaos.soak import soak, soak_scenario
-    from scenarios.overrides import parse_override
-    from scenarios.summary import write_json
+    from scenarios.records.summary import write_json
+    from scenarios.schema.overrides import parse_override
 
     if not 0.5 <= args.hours <= 700:
         raise UsageError(f"--hours {args.hours:g}: must be from 0.5 to 700")

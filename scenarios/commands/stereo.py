@@ -59,7 +59,7 @@ def add(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     from agents.stereo.matching import MatchSettings, PairError, match
     from agents.stereo.span import largest_disparity
-    from scenarios import stereofiles as files
+    from scenarios.formats import stereo as files
 
     left, right = files.read_grey(args.left), files.read_grey(args.right)
     calibration = _calibration(args, left)
@@ -85,7 +85,7 @@ def _run(args: argparse.Namespace) -> int:
 
 def _calibration(args: argparse.Namespace, left: "Grey") -> "Calibration | None":
     from scenarios.errors import UsageError
-    from scenarios.stereofiles import read_calibration
+    from scenarios.formats.stereo import read_calibration
 
     if args.calibration is None:
         if args.out is not None:
@@ -112,7 +112,7 @@ def _points(
     import numpy as np
 
     from agents.stereo.points import cloud, fit_range_law
-    from scenarios.stereofiles import write_cloud
+    from scenarios.formats.stereo import write_cloud
 
     found = cloud(matched, calibration)
     depth_m = found.points_m[:, 2]

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull, KDTree
 
-from agents import edge, polygon
 from agents.geometry import Bools, Floats
+from agents.ground import edge, polygon
 from scenarios.errors import UsageError
 from scenarios.experiments.edge_claims import conclude
 from scenarios.experiments.edge_figure import draw

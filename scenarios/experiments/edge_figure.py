@@ -11,7 +11,7 @@ from scenarios.experiments.edge_ground import Site, Trial, found_edge, outer_pix
 from scenarios.experiments.figure import COLOURS
 from scenarios.experiments.tables import Row
 from scenarios.palette import INK, MUTED
-from scenarios.shading import colours, hillshade
+from scenarios.pictures.shading import colours, hillshade
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from agents import edge, markov
 from agents.geometry import Bools, Floats, GridFrame
+from agents.ground import edge, markov
 from scenarios.experiments.markov_surfaces import holes
 from sim.relief import make_relief
 from sim.settings import TerrainSettings

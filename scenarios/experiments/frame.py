@@ -11,13 +11,13 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
-from scenarios import folder
 from scenarios.errors import UsageError
 from scenarios.experiments import EXPERIMENTS
 from scenarios.experiments.figure import save_figure
 from scenarios.experiments.keeping import Keeper
 from scenarios.experiments.tables import Row, Table, as_csv, as_data, as_text, rows_csv
-from scenarios.record import write_atomic
+from scenarios.records import folder
+from scenarios.records.tables import write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

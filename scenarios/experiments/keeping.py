@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from scenarios import folder
 from scenarios.errors import FolderError
 from scenarios.experiments.tables import Row
-from scenarios.record import write_atomic
+from scenarios.records import folder
+from scenarios.records.tables import write_atomic
 
 FOLDER = "trials"
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from agents import rotations
-from agents.egomotion import Found
 from agents.geometry import Floats, GridFrame
-from agents.rigidmotion import Motion
+from agents.pose import rotations
+from agents.pose.egomotion import Found
+from agents.pose.rigidmotion import Motion
 from agents.stereo.calibration import Calibration, pinhole
 from agents.stereo.odometry import Odometer, Step
 from agents.stereo.spots import Frame

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from agents import rotations
-from agents.egomotion import Found, Tracks, find_motion, point_covariance
 from agents.geometry import Bools, Floats, Ints
-from agents.rigidmotion import EgomotionError, Motion, closed_form, least_squares
-from agents.runningmotion import running_motion
+from agents.pose import rotations
+from agents.pose.egomotion import Found, Tracks, find_motion, point_covariance
+from agents.pose.rigidmotion import EgomotionError, Motion, closed_form, least_squares
+from agents.pose.runningmotion import running_motion
 from agents.settings import SensorSettings
 from scenarios.experiments.tables import Row
 

@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from agents import markov
 from agents.geometry import Bools, Floats
+from agents.ground import markov
 from scenarios.experiments.frame import Experiment, Options
 from scenarios.experiments.markov_claims import conclude
 from scenarios.experiments.markov_figure import draw

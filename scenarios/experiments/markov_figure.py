@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents import markov
 from agents.geometry import Floats
+from agents.ground import markov
 from scenarios.experiments.figure import COLOURS
 from scenarios.experiments.markov_claims import MM, chosen, distinct, values
 from scenarios.experiments.markov_surfaces import sample

@@ -14,8 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from agents import paths, planar
+from agents import planar
 from agents.geometry import Bools, Floats, Pose, wrap_angle
+from agents.ground import paths
 from agents.planar.sensing import LIMIT, MAPPED, look_log_odds
 from agents.planar.view import PlanarLook, PlanarView
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings

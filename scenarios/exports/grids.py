@@ -15,10 +15,10 @@ from rasterio.io import MemoryFile
 
 from agents.geometry import Singles
 from agents.maps.elevation import slope_of
-from scenarios.diary import Chart
 from scenarios.exports.kept import Kept
-from scenarios.mapfiles import ElevationMap, write_file
-from scenarios.mapreading import npz_bytes
+from scenarios.formats.maps import npz_bytes
+from scenarios.formats.rtm import ElevationMap, write_file
+from scenarios.logs.diary import Chart
 
 LOCAL_CRS = 'LOCAL_CS["the run\'s own frame: x east, y north",UNIT["metre",1]]'
 """Of a map that lies nowhere on a planet."""

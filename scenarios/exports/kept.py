@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from agents.geometry import Pose
-from scenarios import diary
-from scenarios.diary import Chart
 from scenarios.errors import StudyError
-from scenarios.mapreading import place_of
+from scenarios.formats.maps import place_of
+from scenarios.logs import diary
+from scenarios.logs.diary import Chart
 from scenarios.ros2.bag import notes_of
 from scenarios.schema import Scenario, load
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Ints, Singles
-from scenarios.diary import Chart
 from scenarios.exports.kept import Kept
-from scenarios.mapfiles import MapFileError, write_file
+from scenarios.formats.rtm import MapFileError, write_file
+from scenarios.logs.diary import Chart
 
 Codes = NDArray[np.uint64]
 

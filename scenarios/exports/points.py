@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from scenarios.exports.kept import Kept
-from scenarios.mapfiles import write_file
+from scenarios.formats.rtm import write_file
 from scenarios.ros2.messages import map_points
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from agents.geometry import Pose
 from comms.timebase import to_s
 from scenarios.exports.kept import Kept, NothingKeptError
-from scenarios.mapfiles import write_file
+from scenarios.formats.rtm import write_file
 
 
 def write_tum(kept: Kept, folder: Path) -> list[Path]:

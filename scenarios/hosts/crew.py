@@ -9,9 +9,9 @@ from typing import Any, cast
 import msgpack
 
 from comms.zenoh_air import Wire
+from scenarios.crews.processes import Process, ZenohCrew
 from scenarios.errors import UsageError
 from scenarios.hosts.plans import pack_plan
-from scenarios.processes import Process, ZenohCrew
 from scenarios.wire import Plan
 
 FIND_S = 30.0

@@ -17,15 +17,15 @@ import msgpack
 
 from comms.zenoh_air import Wire
 from comms.zenoh_security import Credentials
-from scenarios.hosts.plans import unpack_plan
-from scenarios.processes import (
+from scenarios.crews.processes import (
     CLOSE_S,
     LAST_WORDS_S,
     LocalProcess,
     obituary,
     start_fork_server,
 )
-from scenarios.robotprocess import robot_main
+from scenarios.crews.robotprocess import robot_main
+from scenarios.hosts.plans import unpack_plan
 
 OFFER_S = 0.5
 """How often (wall) an idle computer says that it is there."""

@@ -15,10 +15,10 @@ from mcap.writer import CompressionType, Writer
 
 from agents.geometry import Pose
 from comms.timebase import to_s
-from scenarios import diary
-from scenarios.diary import Chart, LogTail, Note, PoseNote
 from scenarios.errors import StudyError
-from scenarios.linkwindows import windows_of
+from scenarios.logs import diary
+from scenarios.logs.diary import Chart, LogTail, Note, PoseNote
+from scenarios.records.linkwindows import windows_of
 from scenarios.ros2 import messages
 from scenarios.ros2.cdr import encode
 from scenarios.ros2.types import schema_text

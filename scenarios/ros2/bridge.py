@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from comms.ros2_zenoh import ROUTER, RosNode
-from scenarios import diary
-from scenarios.diary import LogTail, Note
+from scenarios.logs import diary
+from scenarios.logs.diary import LogTail, Note
 from scenarios.ros2 import messages
 from scenarios.ros2.bag import Stamped, Teller, check_names
 from scenarios.ros2.cdr import encode

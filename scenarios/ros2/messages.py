@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from agents.geometry import Floats, GridFrame, Pose, Singles
 from comms.timebase import NS
-from scenarios.diary import Chart
-from scenarios.linkwindows import LinkWindow
-from scenarios.shading import hillshade
+from scenarios.logs.diary import Chart
+from scenarios.pictures.shading import hillshade
+from scenarios.records.linkwindows import LinkWindow
 
 Message = dict[str, Any]
 MAP_FRAME = "map"

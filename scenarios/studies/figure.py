@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from scenarios.errors import UsageError
 from scenarios.experiments.figure import COLOURS, save_figure
 from scenarios.experiments.tables import Estimate, Table, estimate
-from scenarios.overrides import parse_value
 from scenarios.palette import INK, MUTED
+from scenarios.schema.overrides import parse_value
 from scenarios.studies.table import Number, Row
 
 if TYPE_CHECKING:

@@ -17,9 +17,9 @@ from pydantic import Field, ValidationError, model_validator
 from comms.settings import Settings
 from scenarios import shelf
 from scenarios.errors import ScenarioError
-from scenarios.overrides import Override, parse_override, split_key
-from scenarios.problems import sentences
 from scenarios.schema import Scenario, dump, load
+from scenarios.schema.overrides import Override, parse_override, split_key
+from scenarios.schema.problems import sentences
 
 MAX_TRIALS = 100_000
 """More than anybody waits for."""

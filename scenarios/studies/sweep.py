@@ -14,9 +14,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, cast
 
-from scenarios import folder
 from scenarios.errors import FolderError
-from scenarios.record import write_atomic
+from scenarios.records import folder
+from scenarios.records.tables import write_atomic
 from scenarios.studies.engine import Engine
 from scenarios.studies.study import Study, Trial
 from scenarios.studies.table import FILE, row_of, write_table

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from agents.looks import look_gains, plan
-from agents.strategies import LookPlan, Rated, Scene, View
+from agents.planning.looks import look_gains, plan
+from agents.planning.strategies import LookPlan, Rated, Scene, View
 
 
 class Strategy(Rated):

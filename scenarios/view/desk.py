@@ -8,13 +8,11 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from comms.timebase import from_s, to_s
 from scenarios.view.hand import DEEDS, Deed, DeedError
-
-if TYPE_CHECKING:
-    from scenarios.play import Play
+from scenarios.view.reel import Reel
 
 TELL_S = 0.1
 """Wall seconds between two batches of what is new."""
@@ -29,6 +27,33 @@ MOST_ASKED = 64
 
 Tell = Callable[[dict[str, Any]], None]
 Wish = dict[str, Any]
+
+
+class Watched(Protocol):
+    """A run that goes on, as far as those who watch it have to do with it."""
+
+    ending: str
+    """Empty for as long as it goes on."""
+    reel: Reel | None
+    desk: "Desk | None"
+
+    @property
+    def now_ns(self) -> int:
+        """The run's time."""
+        ...
+
+    def due_ns(self) -> int | None:
+        """Return when its next window begins; None: it keeps the wall's time."""
+        ...
+
+    def by_hand(self, deed: Deed, robot: str) -> int:
+        """Do something to a robot as soon as can be; return when it happens.
+
+        Raises:
+            DeedError: it can't happen now.
+
+        """
+        ...
 
 
 class Desk:
@@ -59,7 +84,7 @@ class Desk:
 
     # --- from the runner -------------------------------------------------------------------
 
-    def attend(self, play: "Play", due_ns: int | None) -> None:
+    def attend(self, play: Watched, due_ns: int | None) -> None:
         """Do what was asked for, show what is new, and wait if the run is to wait.
 
         Args:
@@ -79,7 +104,7 @@ class Desk:
             self._woken.clear()
             due_ns = play.due_ns()  # what was asked for may come first
 
-    def show(self, play: "Play", *, now: bool = False) -> None:
+    def show(self, play: Watched, *, now: bool = False) -> None:
         """Show what is new, if it is time to (or `now`)."""
         wall_s = time.monotonic()
         if play.reel is None or (not now and wall_s < self._told_s + TELL_S):
@@ -119,7 +144,7 @@ class Desk:
         wall_s, from_ns = self._pace
         return max(0.0, wall_s + to_s(due_ns - from_ns) / self._speed - time.monotonic())
 
-    def _grant(self, wish: Wish, play: "Play") -> None:
+    def _grant(self, wish: Wish, play: Watched) -> None:
         match wish:
             case {"do": "pause"}:
                 self._paused, self._until_ns = True, None
@@ -136,7 +161,7 @@ class Desk:
                 return
         self._tell(self.state())
 
-    def _do(self, deed: Deed, robot: str, play: "Play") -> None:
+    def _do(self, deed: Deed, robot: str, play: Watched) -> None:
         try:
             at_ns = play.by_hand(deed, robot)
         except DeedError as error:

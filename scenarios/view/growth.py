@@ -19,7 +19,7 @@ from agents.maps.planar import Occupancy
 from agents.maps.voxel import VoxelOccupancy
 from agents.voxel.frame import VoxelFrame, VoxelSet
 from agents.voxelcast import SIDE
-from scenarios.cavern import floor_heights
+from scenarios.scores.occupancy import floor_heights
 from sim.planar_world import PlanarWorld
 from sim.voxel.world import VoxelWorld
 from sim.worlds import World

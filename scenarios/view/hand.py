@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 from comms.timebase import from_s, to_s
-from scenarios.events import Event, check_events, in_order
 from scenarios.schema import Scenario
+from scenarios.schema.events import Event, check_events, in_order
 
 Deed = Literal["kill", "cut", "heal", "revive"]
 DEEDS: tuple[Deed, ...] = ("kill", "cut", "heal", "revive")

@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from scenarios.play import Play
-from scenarios.view.desk import Desk
+from scenarios.view.desk import Desk, Watched
 from scenarios.view.server import Server
 
 OPEN_S = 15.0
@@ -29,7 +28,7 @@ class LivePage:
     server: Server | None = None
     desk: Desk | None = None
 
-    def begin(self, play: Play, title: str) -> None:
+    def begin(self, play: Watched, title: str) -> None:
         """Serve a run that has not begun.
 
         Raises:
@@ -49,7 +48,7 @@ class LivePage:
         else:
             self.say("No browser can be opened here: open the address yourself.")
 
-    def end(self, play: Play, told: dict[str, Any]) -> None:
+    def end(self, play: Watched, told: dict[str, Any]) -> None:
         """Show how the run has ended; the page keeps all that it was shown."""
         assert self.server is not None
         assert self.desk is not None

@@ -15,7 +15,7 @@ import numpy as np
 
 from comms.timebase import to_s
 from scenarios.palette import robot_colours
-from scenarios.record import EventRow, LookRow, MapRow, Row, RxRow, TxRow
+from scenarios.records.tables import EventRow, LookRow, MapRow, Row, RxRow, TxRow
 from scenarios.stage import Stage
 from scenarios.view.growth import scale_of, truth_of
 from scenarios.wire import Report

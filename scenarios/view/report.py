@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from scenarios.errors import UsageError
-from scenarios.record import write_atomic
+from scenarios.records.tables import write_atomic
 from scenarios.view.page import self_contained
 from scenarios.view.reel import Rows
 from scenarios.view.rundir import Run, Table, fitting, read_playback, read_run

@@ -12,7 +12,7 @@ from typing import Any, cast
 import msgpack
 
 from scenarios.errors import UsageError
-from scenarios.record import EVENT_COLUMNS, FRAME_COLUMNS, LOOK_COLUMNS, MAP_COLUMNS
+from scenarios.records.tables import EVENT_COLUMNS, FRAME_COLUMNS, LOOK_COLUMNS, MAP_COLUMNS
 from scenarios.view.reel import FILE, FORMAT, Rows
 
 Table = list[dict[str, str]]

@@ -10,8 +10,8 @@ from scipy.spatial import KDTree
 
 from agents.geometry import Bools, Floats, GridFrame
 from scenarios.experiments.tables import Row
+from scenarios.records.summary import survivors, union_map
 from scenarios.runner import RunResult
-from scenarios.summary import survivors, union_map
 from sim.ground import Terrain, filled
 
 NEAR_M = 5.0

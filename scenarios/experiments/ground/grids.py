@@ -9,10 +9,10 @@ import numpy as np
 
 from agents.elevationmapper import ElevationMapper
 from agents.geometry import Bools, Floats, Pose, Singles
-from agents.looks import LookPlan
 from agents.outlook.base import Strategy
+from agents.planning.looks import LookPlan
+from agents.planning.scene import View
 from agents.ports import Exposure
-from agents.scene import View
 from scenarios.experiments.tables import Row
 from scenarios.host import Host
 from scenarios.replay import watch

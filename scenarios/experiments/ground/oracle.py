@@ -15,7 +15,7 @@ import numpy as np
 from agents.geometry import Bools, Pose
 from agents.maps.elevationlook import bin_look
 from agents.outlook.survey import Look, Survey
-from agents.scene import Scene, View
+from agents.planning.scene import Scene, View
 from scenarios.dice import dice
 from scenarios.schema import MAPPERS, Scenario
 from scenarios.stage import Stage, set_stage

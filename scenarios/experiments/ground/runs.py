@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from agents import strategies
+from agents.planning import strategies
 from scenarios.errors import StudyError, UsageError
 from scenarios.experiments.frame import Options
 from scenarios.experiments.ground import grids, oracle

@@ -32,27 +32,39 @@ function cell(first, value, isFirst) {
   return make("td", { class: "number" }, valueText(value), change ? make("span", { class: "change" }, change) : null);
 }
 
-function tableOf({ keys, runs }) {
-  const rows = keys.map(([key, isMain], i) => {
+// One row for each key, with the first run's figure and how the others differ from it.
+function rowsOf({ keys, runs }, wanted) {
+  return keys.flatMap(([key, isMain], i) => {
+    if (!wanted(key)) return [];
     const values = runs.map((run) => run.values[i]);
     const same = values.every((value) => JSON.stringify(value) === JSON.stringify(values[0]));
     const row = make("tr", { class: same ? "same" : "differs" }, make("th", { scope: "row" }, key), ...values.map((v, n) => cell(values[0], v, n === 0)));
     row.dataset.main = isMain;
-    return row;
+    return [row];
   });
+}
+
+function tableOf(title, runs, rows) {
+  const head = make("tr", {}, make("th", { scope: "col" }, ""), ...runs.map((run) => make("th", { scope: "col", class: "number" }, dot(run.colour), run.label)));
+  const table = make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows));
+  return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": title }, table);
+}
+
+// The team's figures in sight, those of each robot folded away.
+function figures(data) {
+  const isRobots = (key) => key.startsWith("robots.");
+  const team = rowsOf(data, (key) => !isRobots(key) && key !== "outcome_reason"); // it stands above
+  const robots = rowsOf(data, isRobots);
   const all = make("input", { type: "checkbox", on: { change: () => show() } });
   const show = () => {
-    for (const row of rows) row.hidden = !all.checked && row.dataset.main === "false" && row.className === "same";
+    for (const row of [...team, ...robots]) row.hidden = !all.checked && row.dataset.main === "false" && row.className === "same";
   };
   show();
-  const head = make("tr", {}, make("th", { scope: "col" }, ""), ...runs.map((run) => make("th", { scope: "col", class: "number" }, dot(run.colour), run.label)));
-  return make(
-    "section",
-    { class: "card" },
-    make("h2", {}, "Figures"),
-    make("p", { class: "small" }, "Differences are against the first run. ", make("label", {}, all, " also what is equal in all runs")),
-    make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Figures" }, make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows))),
-  );
+  const note = make("p", { class: "small" }, "Differences are against the first run. ", make("label", {}, all, " also what is equal in all runs"));
+  return [
+    make("section", { class: "card" }, make("h2", {}, "Figures"), note, tableOf("Figures", data.runs, team)),
+    make("details", { class: "card" }, make("summary", {}, "Figures of each robot"), tableOf("Figures of each robot", data.runs, robots)),
+  ];
 }
 
 function chart(place, runs, title, curvesOf, texts) {
@@ -84,7 +96,7 @@ try {
     make("header", { class: "top" }, make("div", {}, make("h1", {}, "Runs side by side"), make("ul", { class: "runs" }, ...data.runs.map((run) =>
       make("li", {}, dot(run.colour), make("strong", {}, run.label), ` ${run.reason}`))))),
     places,
-    make("div", { class: "tables" }, tableOf(data)),
+    make("div", { class: "tables" }, ...figures(data)),
   );
   const percent = { tick: (v) => String(v), text: (v) => `${v.toFixed(1)} %` };
   const kilobytes = { tick: (v) => String(v), text: (v) => `${v.toFixed(1)} kB` };

@@ -88,7 +88,7 @@ export class Page {
     const card = make(
       "article",
       { class: "card map" },
-      make("h3", {}, dot(robot.colour), robot.name, make("span", { class: "role" }, robot.role)),
+      make("h3", {}, dot(robot.colour), robot.name, make("span", { class: "role" }, robot.role === robot.name ? "" : robot.role)),
       canvas,
       facts,
       buttons,

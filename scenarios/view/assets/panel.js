@@ -4,6 +4,7 @@ import { Picture } from "ropeteam/shade";
 
 const PAD = 10; // CSS pixels around a map
 const LINE_PX = 13; // height of a line of words
+const BESIDE_PX = 9; // from a point to words at its side
 const REPAINT_MS = 120; // while time runs, maps are painted anew no more often
 
 export const KIND_COLOURS = {
@@ -110,15 +111,16 @@ export class Panel {
     this.ink.closePath();
   }
 
-  // Writes words at the first height, of some from a point, where they cover none that were so
-  // written before; returns whether there was one.
-  place(words, px, py, heights, colour, theme) {
+  // Writes words at the first place, of some about a point, where they cover nothing that is taken;
+  // returns whether there was one. A place is a side (-1, 0, 1) and a height.
+  place(words, px, py, places, colour, theme) {
     const half = this.ink.measureText(words).width / 2 + 2;
-    for (const height of heights) {
-      const box = [px - half, px + half, py + height - LINE_PX / 2, py + height + LINE_PX / 2];
+    for (const [side, height] of places) {
+      const middle = px + side * (half + BESIDE_PX);
+      const box = [middle - half, middle + half, py + height - LINE_PX / 2, py + height + LINE_PX / 2];
       if (this.taken.some((b) => b[0] < box[1] && box[0] < b[1] && b[2] < box[3] && box[2] < b[3])) continue;
       this.taken.push(box);
-      this.text(words, px, py + height, colour, theme, "center");
+      this.text(words, middle, py + height, colour, theme, "center");
       return true;
     }
     return false;

@@ -4,8 +4,10 @@ import { bytesText } from "ropeteam/model";
 import { Panel, cross, kindColour } from "ropeteam/panel";
 import { Picture, colourRange } from "ropeteam/shade";
 
-const BELOW = [17, 30, -17]; // where a robot's name stands, from its mark, in CSS pixels
-const ABOVE = [-18, -31]; // where it is told what a robot sends, if there is room
+// Where a robot's name stands, from its mark: to its side (-1, 0, 1), and down in CSS pixels.
+const NAMES = [[0, 17], [0, -18], [1, 0], [-1, 0], [1, 15], [-1, 15], [1, -16], [-1, -16], [0, 30], [0, -31]];
+const MARK_PX = 8; // half of what a mark takes, its turned line left aside
+const ABOVE = [[0, -18], [0, -31]]; // where it is told what a robot sends, if there is room
 
 // The large panel.
 export class World extends Panel {
@@ -60,7 +62,9 @@ export class World extends Panel {
     this.ink.restore();
     this.said = [];
     this.links(t, slack_s, theme);
-    for (const robot of this.run.robots) this.robot(robot, t, theme);
+    const there = this.run.robots.filter((robot) => robot.stateAt(t) !== "waiting");
+    for (const robot of there) this.mark(robot, t, theme);
+    for (const robot of there) this.name(robot, t, theme);
     for (const [words, px, py, colour] of this.said) this.place(words, px, py, ABOVE, colour, theme);
     this.ruler(theme);
   }
@@ -184,9 +188,9 @@ export class World extends Panel {
     }
   }
 
-  robot(robot, t, theme) {
+  // Marks come before all names: none may hide a name.
+  mark(robot, t, theme) {
     const state = robot.stateAt(t);
-    if (state === "waiting") return;
     const [x, y, , yaw] = robot.poseAt(t);
     const [px, py] = this.at(x, y);
     const ink = this.ink;
@@ -204,8 +208,16 @@ export class World extends Panel {
       ink.lineWidth = 2.5;
       cross(ink, px, py, 8);
     }
+    this.taken.push([px - MARK_PX, px + MARK_PX, py - MARK_PX, py + MARK_PX]);
+  }
+
+  name(robot, t, theme) {
+    const state = robot.stateAt(t);
+    const [x, y] = robot.poseAt(t);
+    const [px, py] = this.at(x, y);
     const words = state === "alive" ? robot.name : `${robot.name} (${state})`;
-    this.place(words, px, py, BELOW, theme.ink, theme) || this.text(words, px, py + BELOW[0], theme.ink, theme, "center");
+    const number = robot.name.match(/\d+$/)?.[0]; // where names don't fit, colours and numbers must do
+    this.place(words, px, py, NAMES, theme.ink, theme) || (number && this.place(number, px, py, NAMES, theme.ink, theme));
   }
 
   ruler(theme) {

@@ -125,7 +125,7 @@ export function endCards(run, { summary, scenario, versions }) {
     ["simulated", clock(summary.simulated_s)],
     ["seed", String(summary.seed)],
     ["mapped", `${(100 * team.coverage).toFixed(1)} % of ${team.observable_cells.toLocaleString("en")} cells that can be seen`],
-    ["elevation error", some(team.elevation_rmse_m, (m) => `${m.toFixed(3)} m rms`)],
+    ...(team.elevation_rmse_m === null ? [] : [["elevation error", `${team.elevation_rmse_m.toFixed(3)} m rms`]]),
     ["maps", team.maps_equal ? "all equal" : "they differ"],
     ...Object.entries(summary.mission).map(missionFact),
   ];

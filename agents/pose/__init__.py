@@ -1,0 +1,1 @@
+"""Where a robot is: what it measures of its way, what it believes, and what hangs on that."""

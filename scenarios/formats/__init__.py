@@ -1,0 +1,1 @@
+"""Files of maps and of stereo images: ours, and those of others."""

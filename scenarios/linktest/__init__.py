@@ -1,0 +1,1 @@
+"""A payload sent over the emulated link: on the virtual clock, or between two processes."""

@@ -1,0 +1,1 @@
+"""What a robot writes down of its own life, in its MCAP log."""

@@ -1,0 +1,1 @@
+"""A run as the runner sees it while it goes on, on either clock."""

@@ -1,0 +1,1 @@
+"""What robots believe held against the truth, which only the study knows."""
