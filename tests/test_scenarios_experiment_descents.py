@@ -17,7 +17,7 @@ from scenarios.experiments.figure import save_figure
 from scenarios.experiments.frame import Claim, Options
 from scenarios.experiments.ground.accuracy import CLASSES, accuracy, by_class
 from scenarios.experiments.tables import Row
-from scenarios.summary import RobotFinal
+from scenarios.records.summary import RobotFinal
 from sim.ground import Terrain
 
 
