@@ -7,7 +7,8 @@ makes those beside it stale too.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Generic
@@ -28,6 +29,8 @@ class Sheet(Generic[E]):
     """What is drawn of a tile, before the anchor is applied; None: nothing."""
     revision: int
     """Grows with every change of the drawing."""
+    on: Collection[int] | None = None
+    """The tiles on which anything may be drawn; None: any."""
     is_own: bool = False
     """It is drawn in two ways, as measured and as sent: what is laid of it is not kept."""
 
@@ -76,7 +79,8 @@ class Patchwork(Generic[S, E]):
         self._seams: dict[int, list[tuple[int, Window, Window]]] = {}
         self._whole: E | None = None
         self._stale = set(grid.tiles)
-        self._bits: dict[Origin, dict[int, float]] = {}
+        self._bits: dict[int, dict[Origin, float]] = {}
+        """By tile, what each origin's layer of it tells."""
         self._moved: dict[AnchorKey, tuple[tuple[int, int], dict[int, E]]] = {}
         """Tiles of submaps that lie elsewhere than they were drawn, and of which drawing."""
 
@@ -101,10 +105,9 @@ class Patchwork(Generic[S, E]):
         fresh = self._kind.blank(self._grid.cells)
         if self._whole is not None and len(self._stale) < len(self._grid.tiles):
             self._kind.paste(fresh, EVERYWHERE, self._whole)
-        placed = [self._placed(sheet) for sheet in sheets()]
-        origins = [(o, list(group)) for o, group in groupby(placed, key=lambda s: s.key[:2])]
+        found = self._found(sheets())
         for tile in sorted(self._stale):
-            layers = self._layers(tile, origins)
+            layers = self._layers(tile, found[tile])
             if layers:
                 fused = self._kind.fuse(layers, self._grid.shape(tile))
                 self._kind.paste(fresh, self._grid.window(tile), fused)
@@ -117,28 +120,40 @@ class Patchwork(Generic[S, E]):
 
     def bits(self) -> dict[Origin, float]:
         """Return the information of each origin's layer as it was last laid."""
-        return {origin: math.fsum(tiles.values()) for origin, tiles in sorted(self._bits.items())}
+        found: dict[Origin, list[float]] = defaultdict(list)
+        for layers in self._bits.values():
+            for origin, bits in layers.items():
+                found[origin].append(bits)
+        return {origin: math.fsum(found[origin]) for origin in sorted(found)}
 
-    def _layers(self, tile: int, origins: list[tuple[tuple[int, int], list[Sheet[E]]]]) -> list[E]:
+    def _found(self, sheets: list[Sheet[E]]) -> dict[int, list[Sheet[E]]]:
+        """Return the sheets on which something may be drawn of each stale tile, in their order.
+
+        In a large team most of what there is lies elsewhere.
+        """
+        found: dict[int, list[Sheet[E]]] = {tile: [] for tile in self._stale}
+        for sheet in map(self._placed, sheets):
+            for tile in self._stale if sheet.on is None else self._stale.intersection(sheet.on):
+                found[tile].append(sheet)
+        return found
+
+    def _layers(self, tile: int, sheets: list[Sheet[E]]) -> list[E]:
         """Return what each origin has of a tile."""
         found: list[E] = []
-        for origin, sheets in origins:
+        bits: dict[Origin, float] = {}
+        for origin, group in groupby(sheets, key=lambda sheet: sheet.key[:2]):
             layer: E | None = None
-            for sheet in sheets:
+            for sheet in group:
                 patch = self._patch(sheet, tile)
                 if patch is not None:
                     layer = patch if layer is None else self._kind.surest(layer, patch)
             if layer is not None:
                 found.append(layer)
-            if self._counts_bits:
-                self._count(Origin(*origin), tile, layer)
+                if self._counts_bits:
+                    bits[Origin(*origin)] = self._kind.bits(layer)
+        if self._counts_bits:
+            self._bits[tile] = bits
         return found
-
-    def _count(self, origin: Origin, tile: int, layer: E | None) -> None:
-        if layer is not None:
-            self._bits.setdefault(origin, {})[tile] = self._kind.bits(layer)
-        elif origin in self._bits:
-            self._bits[origin].pop(tile, None)
 
     def _patch(self, sheet: Sheet[E], tile: int) -> E | None:
         """Return what one submap has of a tile, as sure as its anchor says."""
@@ -187,7 +202,7 @@ class Patchwork(Generic[S, E]):
             windows = {tile: self._grid.window(tile) for tile in self._grid.touched(moved.known)}
             tiles = {tile: self._copy(moved, window) for tile, window in windows.items()}
             known = self._moved[sheet.key] = (mark, tiles)
-        return replace(sheet, tile=known[1].get)
+        return replace(sheet, tile=known[1].get, on=known[1])
 
     def _copy(self, drawing: E, window: Window) -> E:
         """Return a window that does not keep the whole in memory."""

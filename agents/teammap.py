@@ -173,7 +173,7 @@ class TeamMap(Generic[S, E]):
         """
         self._draw()
         heard = [
-            Sheet(key, anchor, self._drawn[key].get, self._revisions[key])
+            Sheet(key, anchor, self._drawn[key].get, self._revisions[key], self._drawn[key])
             for key in self._drawn
             if key[:2] != self.me and (anchor := self.store.anchors.get(key)) and anchor.is_located
         ]

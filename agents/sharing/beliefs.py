@@ -37,7 +37,7 @@ def stretch_of(chunk: Chunk) -> Stretch:
     return Stretch(chunk.key, chunk.version, chunk.total, chunk.offset, end)
 
 
-@dataclass
+@dataclass(slots=True)
 class _Belief:
     version: int
     prefix_bytes: int
@@ -61,12 +61,7 @@ class Believed:
     def has(self, stretch: Stretch, sent_s: float = -1e9) -> None:
         """Believe that the team-mate got a stretch (if it had all before it)."""
         beliefs = self.tiles.setdefault(stretch.key, [])
-        belief = next((b for b in beliefs if b.version == stretch.version), None)
-        if belief is None:
-            belief = _Belief(stretch.version, 0)
-            beliefs.append(belief)
-            beliefs.sort(key=lambda b: b.version)
-            del beliefs[:-KEPT_VERSIONS]
+        belief = _about(beliefs, stretch.version)
         belief.sent_s = max(belief.sent_s, sent_s)
         if belief.prefix_bytes >= 0 and belief.prefix_bytes >= stretch.start:
             belief.prefix_bytes = max(belief.prefix_bytes, stretch.end)
@@ -154,3 +149,19 @@ class Believed:
 
 def _reach(belief: _Belief) -> float:
     return float("inf") if belief.prefix_bytes < 0 else belief.prefix_bytes
+
+
+def _about(beliefs: list[_Belief], version: int) -> _Belief:
+    """Return the belief about a version, a new one if need be; the oldest of many is let go.
+
+    Every stretch that is heard comes here once for each team-mate.
+    """
+    for belief in beliefs:
+        if belief.version == version:
+            return belief
+    belief = _Belief(version, 0)
+    beliefs.append(belief)
+    if len(beliefs) > 1:
+        beliefs.sort(key=lambda b: b.version)
+        del beliefs[:-KEPT_VERSIONS]
+    return belief
