@@ -7,12 +7,14 @@ nor time cost it anything; as a yardstick for distances, the length of a tour th
 places (nearest next, then 2-opt) is told too. The others explore as in `ropeteam experiment`.
 
 Run:  python benchmarks/planar_oracle.py --seeds 3
+      python benchmarks/planar_oracle.py --seeds 4 --first-seed 101 --side-m 60
       python benchmarks/planar_oracle.py --map building.yaml --fov-deg 75 --range-m 10
 """
 
 import argparse
 import math
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,7 +28,16 @@ from agents.planar.sensing import LIMIT, MAPPED, look_log_odds
 from agents.settings import SensorSettings
 from comms.kernels import kernel
 from scenarios.errors import StudyError
-from scenarios.experiments.planar_runs import DRIVE, GOAL, Trial, measure, sensor_of, world_of
+from scenarios.experiments.planar_runs import (
+    DRIVE,
+    GOAL,
+    SIDE_M,
+    Trial,
+    measure,
+    sensor_of,
+    world_of,
+)
+from sim.errors import WorldError
 from sim.planar_world import HEADINGS, LATTICE_M, PlanarWorld, lattice, look, standable
 
 METHODS = ("information", "information-voxel", "team-information")
@@ -147,30 +158,68 @@ def _two_opt(apart: Floats, order: list[int]) -> float:
     return float(sum(apart[a, b] for a, b in pairwise(way)))
 
 
-def compare(args: argparse.Namespace, path: str, seed: int) -> list[list[str]]:
-    """Return the table's lines for one world."""
+@dataclass(frozen=True)
+class Line:
+    """What one planner needed in one world."""
+
+    world: str
+    planner: str
+    looks: float
+    """To the goal; inf if never."""
+    ratio: float
+    """Of the oracle's looks."""
+    driven_m: float
+    cpu_s: float
+
+    def told(self) -> str:
+        """Return it as a line of Markdown."""
+        if not math.isfinite(self.looks):
+            return f"| {self.world} | {self.planner} | never | | | {self.cpu_s:.0f} |"
+        looks = f"{self.looks:.4g} | {self.ratio:.2f} | {self.driven_m:.0f}"
+        return f"| {self.world} | {self.planner} | {looks} | {self.cpu_s:.0f} |"
+
+
+def compare(args: argparse.Namespace, path: str, seed: int) -> list[Line]:
+    """Return the table's lines for one world; the oracle's metres are those of a tour."""
     sensor = sensor_of(args.fov_deg, args.range_m)
-    world, seen = world_of(path, 0 if path else seed, args.fov_deg, args.range_m)
-    name = Path(path).stem if path else f"made-up {seed}"
+    begun_s = time.process_time()
+    world, seen = world_of(path, 0 if path else seed, args.fov_deg, args.range_m, args.side_m)
+    name = Path(path).stem if path else f"made-up, {args.side_m:g} m, {seed}"
     looks = all_looks(world, sensor, lattice(world, DRIVE.footprint_m, args.lattice_m))
     taken, share = oracle(world, seen, looks, GOAL)
-    stops = looks.eyes[np.array(taken) // HEADINGS]
-    tour = tour_m(world, stops, DRIVE.footprint_m)
-    whole = str(len(taken)) if share >= GOAL else f"{len(taken)} to {share:.0%} only"
-    lines = [[name, "oracle", whole, "1.00", f"{tour:.0f} (a tour)"]]
+    tour = tour_m(world, looks.eyes[np.array(taken) // HEADINGS], DRIVE.footprint_m)
+    count = float(len(taken)) if share >= GOAL else math.inf
+    lines = [Line(name, "oracle (a tour)", count, 1.0, tour, time.process_time() - begun_s)]
     for method in args.method or METHODS:
-        trial = Trial(path, seed, method, 1, args.fov_deg, args.range_m, args.looks, GOAL)
+        trial = Trial(
+            path, seed, method, 1, args.fov_deg, args.range_m, args.looks, GOAL, args.side_m
+        )
         run = measure(trial)[0]
-        count, driven_m = float(run["looks_to_goal"]), float(run["driven_to_goal_m"])
-        told = [f"{count:.0f}", f"{count / len(taken):.2f}", f"{driven_m:.0f}"]
-        lines.append([name, method, *(told if math.isfinite(count) else ["never", "", ""])])
+        needed, driven_m = float(run["looks_to_goal"]), float(run["driven_to_goal_m"])
+        spent_s = float(run["run_cpu_s"])
+        lines.append(Line(name, method, needed, needed / count, driven_m, spent_s))
     return lines
+
+
+def means(lines: Sequence[Line]) -> list[Line]:
+    """Return a line for each planner: means over worlds of looks, of ratios and of metres."""
+    found: list[Line] = []
+    for planner in dict.fromkeys(line.planner for line in lines):
+        mine = [line for line in lines if line.planner == planner]
+        mean = [
+            float(np.mean([getattr(line, key) for line in mine]))
+            for key in ("looks", "ratio", "driven_m", "cpu_s")
+        ]
+        found.append(Line(f"mean of {len(mine)}", planner, *mean))
+    return found
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     told = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     told.add_argument("--seeds", type=int, default=2, help="made-up worlds, or runs per map")
+    told.add_argument("--first-seed", type=int, default=1)
+    told.add_argument("--side-m", type=float, default=SIDE_M, help="of the made-up worlds")
     told.add_argument("--map", action="append", default=[], help="a map_server yaml file instead")
     told.add_argument("--method", action="append", help=f"besides the oracle ({METHODS})")
     told.add_argument("--fov-deg", type=float, default=90.0)
@@ -183,17 +232,21 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Print a table in Markdown."""
     args = parser().parse_args(argv)
-    print("| world | planner | looks to 90 % | of the oracle's | driven, m |")
-    print("|---|---|---:|---:|---:|")
+    print("| world | planner | looks to 90 % | of the oracle's | driven, m | CPU, s |")
+    print("|---|---|---:|---:|---:|---:|")
+    lines: list[Line] = []
     for path in args.map or [""]:
-        for seed in range(1, args.seeds + 1):
+        for seed in range(args.first_seed, args.first_seed + args.seeds):
             try:
-                lines = compare(args, path, seed)
-            except StudyError as error:
+                found = compare(args, path, seed)
+            except (StudyError, WorldError) as error:
                 print(error, file=sys.stderr)
                 return 2
-            for line in lines:
-                print("| " + " | ".join(line) + " |", flush=True)
+            for line in found:
+                print(line.told(), flush=True)
+            lines += found
+    for line in means(lines) if len(lines) > len({line.planner for line in lines}) else []:
+        print(line.told())
     return 0
 
 

@@ -132,6 +132,17 @@ def test_visibility_is_the_best_of_the_rays_walked_one_by_one(
     assert got == pytest.approx(best_of(through, (row, col), rays))
 
 
+def test_what_a_chance_is_taken_for_counts_and_the_ray_goes_on_as_it_was() -> None:
+    corridor, blank = np.array([[1.0, 1.0, 0.5, 0.5, 1.0]]), np.zeros((1, 5))
+    worth = np.array([[0.0, 0.0, 0.0, 1.0, 1.0]])
+    eye, east = np.array([[0, 0]]), first_ray(0.0, 1)
+    plain = gains(corridor, blank, worth, RAYS, eye, trust=np.array([0.0, 0.5, 1.0]))[0]
+    # Odds add up: the fourth is reached with 1/2, the fifth with 1/3.
+    bent = gains(corridor, blank, worth, RAYS, eye, trust=np.linspace(0.0, 1.0, 7) ** 2)[0]
+    assert plain[east] == pytest.approx(0.5 + 0.5, abs=1e-6), "1/3 is nearest to 1/2 in halves"
+    assert bent[east] == pytest.approx(1 / 4 + 1 / 9, abs=1e-6)
+
+
 # --- sums over what is seen -------------------------------------------------------------------
 
 

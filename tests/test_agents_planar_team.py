@@ -37,6 +37,8 @@ from agents.planar.looksets import COARSE, look_sets, sectors
 from agents.planar.prospects import SECTORS, Prospects
 from agents.planar.routes import Prices, Router, Stop
 from agents.planar.surroundings import RUN_CELLS, surroundings
+from agents.planar.trust import EDGES, STEPS, Trust
+from agents.planar.trust import PRIOR_CELLS as PRIOR_SEEN
 from agents.planar.view import PlanarLook
 
 OURS = "team-information"
@@ -200,12 +202,92 @@ def test_looks_share_a_stretch_rather_than_leave_its_ends() -> None:
     assert gain[0, 3, 2:] == pytest.approx([0.0, 0.0]), "two show all"
 
 
+# --- how far chances can be trusted ---------------------------------------------------------------
+
+
+def test_before_any_look_chances_are_what_the_model_says() -> None:
+    assert Trust().table() == pytest.approx(np.arange(STEPS + 1) / STEPS, abs=1e-3)
+
+
+def test_chances_move_to_what_was_seen_by_hand() -> None:
+    trust, blank = Trust(), np.zeros((100, 100))
+    trust.expect(np.full((100, 100), 0.25), blank)
+    seen = blank.copy()
+    seen[:75] = -SURE
+    trust.take(seen)
+
+    def logit(p: float) -> float:
+        return math.log(p / (1 - p))
+
+    # As a whole: of 10,000 cells and the prior's 2,500 were guessed and 7,500 seen.
+    half = 0.5 * PRIOR_SEEN
+    whole = logit((7500 + half) / (1e4 + PRIOR_SEEN)) - logit((2500 + half) / (1e4 + PRIOR_SEEN))
+    expected = 1 / (1 + math.exp(-logit(0.25) - whole))
+    found = (7500 + PRIOR_SEEN * expected) / (1e4 + PRIOR_SEEN)
+    bins = np.searchsorted(EDGES, logit(0.25))
+    middle = 0.5 * (EDGES[bins - 1] + EDGES[bins])
+    at = round(STEPS / (1 + math.exp(-middle)))
+    shift = logit(float(trust.table()[at])) - logit(at / STEPS)
+    assert shift == pytest.approx(logit(found) - logit(0.25), abs=0.02)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=20, deadline=None)
+def test_a_greater_chance_is_never_taken_for_a_smaller_one(seed: int) -> None:
+    rng, trust = np.random.default_rng(seed), Trust()
+    for _ in range(3):
+        log_odds = rng.choice([0.0, -SURE, SURE], size=(60, 60))
+        trust.expect(rng.random((60, 60)), np.zeros((60, 60)))
+        trust.take(log_odds)
+    table = trust.table()
+    assert (np.diff(table) >= 0).all()
+    assert (table[0], table[-1]) == (0.0, 1.0)
+
+
+def test_cells_that_are_known_already_teach_nothing() -> None:
+    trust = Trust()
+    trust.expect(np.full((50, 50), 0.5), np.full((50, 50), SURE))
+    trust.take(np.full((50, 50), SURE))
+    assert trust.table() == pytest.approx(Trust().table())
+
+
+# --- when nothing is left -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", planar.METHODS.names())
+def test_nobody_stops_in_a_corridor_that_the_lattice_steps_over(name: str) -> None:
+    # One cell wide: few lattices of sixteen cells have a place in it, but for the robot's own.
+    log_odds = np.zeros((41, 80))
+    log_odds[20, 1:60] = -SURE
+    log_odds[[19, 21], 0:56] = log_odds[20, 0] = SURE
+    planner = PLANNER.model_copy(update={"candidate_step_m": 16 * CELL_M})
+    means = planar.Means(MEANS.sensor, MEANS.drive, planner)
+    method = planar.method(name, means)
+    looks = [
+        method.choose(view_of(log_odds, (20, 5)), np.random.default_rng(seed)) for seed in range(4)
+    ]
+    assert all(look is not None for look in looks)
+
+
+def test_one_place_of_each_square_by_hand() -> None:
+    log_odds = np.full((9, 12), -SURE)
+    log_odds[:, 6:] = 0.0
+    scene = scene_of(view_of(log_odds, (1, 1)), MEANS)  # squares of two cells
+    places = scene.everywhere()
+    assert places[0].tolist() == [1, 1]
+    assert len({(int(r) // 2, int(c) // 2) for r, c in places[1:]}) == len(places) - 1
+    reached = np.argwhere(np.isfinite(scene.way_m))
+    assert {(int(r) // 2, int(c) // 2) for r, c in places} == {
+        (int(r) // 2, int(c) // 2) for r, c in reached
+    }
+
+
 # --- routes --------------------------------------------------------------------------------------
 
 
 def prospects_of(log_odds: np.ndarray, cell: tuple[int, int]) -> tuple[Router, Prospects]:
     scene = scene_of(view_of(log_odds, cell))
-    prospects = Prospects(scene, scene.lattice(np.random.default_rng(1)))
+    prospects = Prospects(scene, scene.lattice(np.random.default_rng(1)), Trust().table())
     return Router(scene, prospects), prospects
 
 

@@ -83,7 +83,18 @@ def test_a_goal_that_is_not_reached_is_never_reached(plan: str) -> None:
 
 def test_the_same_seed_gives_the_same_rows(plan: str) -> None:
     trial = Trial(plan, 3, OURS, 2, 75.0, 6.0, 8)
-    assert measure(trial) == measure(trial)
+    once, again = (
+        [{key: value for key, value in row.items() if not key.endswith("_cpu_s")} for row in rows]
+        for rows in (measure(trial), measure(trial))
+    )
+    assert once == again
+
+
+def test_made_up_squares_of_other_sizes_are_told_apart() -> None:
+    small, large = (planar_one.trials(Options(1, {"side": [m]}))[0] for m in ("24", "100"))
+    assert (small.place, large.place) == ("made-up-24m", "made-up")
+    world, seen = world_of("", 1, 90.0, 6.0, small.side_m)
+    assert world.frame.shape == seen.shape == (60, 60)
 
 
 def test_our_way_needs_less_than_chance(rows: Sequence[Row]) -> None:
@@ -107,7 +118,7 @@ def told(method: str, robots: int, looks: float, driven_m: float, time_s: float)
     run: Row = {
         **base, "row": "run", "looks_to_goal": looks, "driven_to_goal_m": driven_m,
         "time_to_goal_s": time_s, "looks": 10, "driven_m": driven_m, "coverage": 0.9,
-        "area_m2": 90.0,
+        "area_m2": 90.0, "run_cpu_s": 1.0,
     }  # fmt: skip
     series: list[Row] = [
         {**base, "row": "look", "look": n, "driven_m": n * driven_m / 10, "coverage": 0.09 * n}
@@ -161,6 +172,8 @@ def test_two_robots_are_compared_with_one_of_the_same_sensor(plan: str) -> None:
         ({"method": ["best"]}, "must be one of random"),
         ({"looks": ["0"]}, "at least 1"),
         ({"looks": ["many"]}, "at least 1"),
+        ({"side": ["-3"]}, "above 0"),
+        ({"side": ["3"]}, "at least 10"),
     ],
 )
 def test_bad_settings_are_refused(sets: dict[str, list[str]], words: str) -> None:
@@ -217,6 +230,21 @@ def test_the_oracles_table_is_markdown(
     ours = ["--map", plan, "--range-m", "6", "--seeds", "1", "--method", OURS]
     assert script.main(ours) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.count("|") for line in lines] == [6] * 4
-    assert lines[2].startswith("| rooms | oracle | ")
+    assert [line.count("|") for line in lines] == [7] * 4
+    assert lines[2].startswith("| rooms | oracle (a tour) | ")
+
+
+def test_the_oracles_table_ends_in_means(
+    script: ModuleType, plan: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    two = ["--map", plan, "--range-m", "6", "--seeds", "2", "--first-seed", "5", "--method", OURS]
+    assert script.main(two) == 0
+    cells = [line.split("|")[1:-1] for line in capsys.readouterr().out.splitlines()[2:]]
+    ours = [float(line[3]) for line in cells if OURS in line[1]]
+    assert cells[-1][0].strip() == "mean of 2"
+    assert ours[2] == pytest.approx(0.5 * (ours[0] + ours[1]), abs=0.011)
+    assert script.main(["--side-m", "1"]) == 2
+
+
+def test_a_map_that_is_absent_ends_the_oracle(script: ModuleType) -> None:
     assert script.main(["--map", "nowhere.yaml"]) == 2

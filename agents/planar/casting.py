@@ -119,11 +119,13 @@ def _gains(
     eyes: np.ndarray,
     half: float,
     related: bool,
+    trust: np.ndarray,
     out: np.ndarray,
 ) -> None:
     rows, cols = through.shape
     stamp = np.full((rows, cols), -1, dtype=np.int32)
     best = np.zeros((rows, cols), dtype=np.float32)
+    fine = len(trust) - 1
     for e in range(len(eyes)):
         row, col = eyes[e, 0], eyes[e, 1]
         for b in range(len(counts)):
@@ -138,10 +140,11 @@ def _gains(
                     if stamp[i, j] != e:
                         stamp[i, j] = e
                         best[i, j] = 0.0
-                    more = p - best[i, j]
+                    held = trust[int(p * fine + 0.5)] if related else p
+                    more = held - best[i, j]
                     if more > 0.0:
                         total += more * (value if sure[b, n] >= lacking[i, j] else half * value)
-                        best[i, j] = p
+                        best[i, j] = held
                 if n > 0:
                     p = onward(p, float(through[i, j]), related)
                     if p < LEAST:
@@ -224,7 +227,7 @@ def gains(
     rays: Star,
     eyes: Ints,
     *,
-    related: bool = False,
+    trust: Floats | None = None,
 ) -> Floats:
     """Return how many cells looks are expected to map, by bearing.
 
@@ -235,7 +238,8 @@ def gains(
             it still falls short counts `HALF` of that.
         rays: of the sensor.
         eyes: (E, 2) cells from whose centres is looked.
-        related: cells along a ray stand or fall together (`onward`).
+        trust: what chances are to be taken for (`trust.Trust.table`) where cells along a ray stand
+            or fall together (`onward`); None: they don't, and chances are what they are.
 
     Returns:
         (E, B): for each bearing the sum over the cells that its ray shows.
@@ -252,7 +256,8 @@ def gains(
         rays.narrow_sure,
         eyes,
         HALF,
-        related,
+        trust is not None,
+        np.zeros(1) if trust is None else trust,
         out,
     )
     return out

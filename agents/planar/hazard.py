@@ -15,9 +15,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from agents.geometry import Bools, Floats, Ints
+from agents.geometry import Bools, Floats
 from agents.ground.markov import distance_to_known_m
 from agents.planar.hazard_data import LAYERS
+from agents.planar.record import Record, chance
 from agents.planar.surroundings import NUMBERS, surroundings
 from agents.planar.view import PlanarView
 
@@ -43,11 +44,7 @@ class Hazard:
 
     def __init__(self) -> None:
         """Begin with the network alone."""
-        bins = len(EDGES) + 1
-        self._reached: Floats = np.zeros(bins)
-        self._solid: Floats = np.zeros(bins)
-        self._guessed: Floats = np.zeros(bins)
-        """How many of them the network alone held for solid."""
+        self._record = Record(EDGES, PRIOR_CELLS, PRIOR_SHARE)
         self._before: tuple[Bools, Floats] | None = None
 
     def take(self, view: PlanarView) -> Floats:
@@ -58,30 +55,10 @@ class Hazard:
         if self._before is not None:
             unknown, guess = self._before
             fresh = unknown & (view.log_odds != 0)
-            self._count(guess[fresh], view.log_odds[fresh] > 0)
+            self._record.count(guess[fresh], view.log_odds[fresh] > 0)
         guess = _guesses(view)
         self._before = (view.log_odds == 0, guess)
-        return _p(guess + self._shifts()[np.searchsorted(EDGES, guess)])
-
-    def _count(self, guess: Floats, solid: Bools) -> None:
-        bins: Ints = np.searchsorted(EDGES, guess).astype(np.int64)
-        count = len(self._reached)
-        self._reached += np.bincount(bins, minlength=count)
-        self._solid += np.bincount(bins[solid], minlength=count)
-        self._guessed += np.bincount(bins, weights=_p(guess), minlength=count)
-
-    def _shifts(self) -> Floats:
-        """Return by how much guesses are off, for each bin: as a whole, and the bin besides."""
-        before = PRIOR_CELLS * PRIOR_SHARE
-        reached = float(self._reached.sum()) + PRIOR_CELLS
-        whole = _logit((float(self._solid.sum()) + before) / reached) - _logit(
-            (float(self._guessed.sum()) + before) / reached
-        )
-        middle = self._guessed / np.maximum(self._reached, 1.0)
-        expected = _p(_logit(np.clip(middle, 1e-3, 1.0 - 1e-3)) + whole)
-        reached = self._reached + PRIOR_CELLS
-        found = (self._solid + PRIOR_CELLS * expected) / reached
-        return whole + np.where(self._reached > 0, _logit(found) - _logit(expected), 0.0)
+        return chance(guess + self._record.shifts()[np.searchsorted(EDGES, guess)])
 
 
 def _guesses(view: PlanarView) -> Floats:
@@ -124,11 +101,3 @@ def unpacked(text: str) -> Layers:
         layers.append((weight.astype(np.float64), numbers[at : at + outputs].astype(np.float64)))
         at += outputs
     return layers
-
-
-def _p(log_odds: Floats) -> Floats:
-    return 1.0 / (1.0 + np.exp(-log_odds))
-
-
-def _logit(p: Floats | float) -> Floats:
-    return np.log(p / (1.0 - np.asarray(p, dtype=np.float64)))

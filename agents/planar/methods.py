@@ -70,10 +70,18 @@ class Memory:
 
     def expect(self, scene: Scene, cell: tuple[int, int], first: int) -> None:
         """Note what the look that was chosen should show."""
-        eye = np.array(cell, dtype=np.int64)
-        seen_p = visibility(scene.through, scene.rays, eye, first, related=scene.related)
+        self.expect_seen(scene.view, seen_by(scene, cell, first))
+
+    def expect_seen(self, view: PlanarView, seen_p: Floats) -> None:
+        """Note each cell's chance (rows, cols) of being seen by the look that was chosen."""
         self._expected = seen_p**self._sure
-        self._before = scene.view.log_odds
+        self._before = view.log_odds
+
+
+def seen_by(scene: Scene, cell: tuple[int, int], first: int) -> Floats:
+    """Return each cell's chance (rows, cols) of being seen by one look."""
+    eye = np.array(cell, dtype=np.int64)
+    return visibility(scene.through, scene.rays, eye, first, related=scene.related)
 
 
 def look_at(scene: Scene, cell: tuple[int, int], yaw_rad: float, gain: float) -> PlanarLook:
@@ -111,7 +119,11 @@ class _Sampled(ABC):
         firsts = np.array([first_ray(float(yaw), scene.rays.width) for yaw in yaws])
         eyes = scene.candidates(rng)
         cells = expected_cells(scene, eyes)[:, firsts]
-        if float(cells.max()) < max(self._means.planner.min_gain_cells, 1e-9):
+        least = max(self._means.planner.min_gain_cells, 1e-9)
+        if float(cells.max()) < least:  # the lattice may have stepped over a passage
+            eyes = scene.sampled(scene.everywhere(), rng)
+            cells = expected_cells(scene, eyes)[:, firsts]
+        if float(cells.max()) < least:
             return None
         place, heading = self._pick(scene, eyes, firsts, cells, rng)
         cell = (int(eyes[place, 0]), int(eyes[place, 1]))

@@ -35,6 +35,7 @@ def _list(
     sure: np.ndarray,
     eyes: np.ndarray,
     part: np.ndarray,
+    trust: np.ndarray,
     first: np.ndarray,
     cells: np.ndarray,
     chance: np.ndarray,
@@ -48,7 +49,7 @@ def _list(
     sectors = len(counts) // coarse
     stamp = np.full((rows, cols), -1, dtype=np.int32)
     best = np.zeros((rows, cols), dtype=np.float32)
-    at = 0
+    at, fine = 0, len(trust) - 1
     for e in range(len(eyes)):
         row, col = eyes[e, 0], eyes[e, 1]
         for b in range(len(counts)):
@@ -65,11 +66,12 @@ def _list(
                     if stamp[i, j] != e:
                         stamp[i, j] = e
                         best[i, j] = 0.0
-                    more = p - best[i, j]
+                    held = trust[int(p * fine + 0.5)]
+                    more = held - best[i, j]
                     if more > 0.0:
                         cells[at] = i * cols + j
                         chance[at] = more if sure[b, n] >= lacking[i, j] else half * more
-                        best[i, j] = p
+                        best[i, j] = held
                         at += 1
                 if n > 0:
                     p = onward(p, float(through[i, j]), True)
@@ -124,7 +126,9 @@ Lists = tuple[Ints, NDArray[np.int32], NDArray[np.float32]]
 """Where the list of each place and sector begins, and, one after another, cells and chances."""
 
 
-def _lists_of(through: Floats, lacking: Floats, worth: Floats, rays: Star, places: Ints) -> Lists:
+def _lists_of(
+    through: Floats, lacking: Floats, worth: Floats, rays: Star, places: Ints, trust: Floats
+) -> Lists:
     passing, short, value = (np.asarray(v, dtype=np.float32) for v in (through, lacking, worth))
     part = np.array([HALF, float(COARSE)])
     first: Ints = np.zeros(len(places) * SECTORS + 1, dtype=np.int64)
@@ -133,7 +137,7 @@ def _lists_of(through: Floats, lacking: Floats, worth: Floats, rays: Star, place
         cells, chance = np.zeros(room, dtype=np.int32), np.zeros(room, dtype=np.float32)
         if _list(
             passing, short, value, rays.narrow_steps, rays.counts, rays.narrow_sure, places, part,
-            first, cells, chance,
+            trust, first, cells, chance,
         ) >= 0:  # fmt: skip
             return first, cells, chance
         room *= 3
@@ -142,8 +146,8 @@ def _lists_of(through: Floats, lacking: Floats, worth: Floats, rays: Star, place
 class Prospects:
     """What may be seen from places (E, 2)."""
 
-    def __init__(self, scene: Scene, places: Ints) -> None:
-        """Cast the rays of all places."""
+    def __init__(self, scene: Scene, places: Ints, trust: Floats) -> None:
+        """Cast the rays of all places; `trust` says what chances are to be taken for."""
         rays = scene.rays
         self.places = places
         self.width = max(1, rays.width // COARSE)
@@ -151,13 +155,17 @@ class Prospects:
         self.worth: Floats = scene.worth.ravel()
         """(rows cols) what cells are worth before any look, flat."""
         self._seen: Floats = np.zeros(self.worth.size)
-        self._lists = _lists_of(scene.through, scene.lacking, scene.worth, rays, places)
+        self._lists = _lists_of(scene.through, scene.lacking, scene.worth, rays, places, trust)
 
     def rings(self, left: Floats) -> Floats:
         """Return what each place shows (E, SECTORS) of what is left of each cell (flat)."""
         out = np.zeros((len(self.places), SECTORS))
         _sum(*self._lists, left, out)
         return out
+
+    def best(self) -> float:
+        """Return what the best single look shows, before any other."""
+        return float(self.sets(self.worth, 1)[0].max())
 
     def sets(self, left: Floats, most: int) -> tuple[Floats, Ints]:
         """Return the best sets of looks at each place, as `looksets.look_sets`, in sectors."""
@@ -177,7 +185,7 @@ def warm() -> None:
     """Compile the kernels of this module."""
     rays = star_of(SensorSettings(range_m=2.0), 1.0)
     ones = np.ones((6, 6))
-    lists = _lists_of(ones, ones, ones, rays, np.array([[3, 3]]))
+    lists = _lists_of(ones, ones, ones, rays, np.array([[3, 3]]), np.array([0.0, 1.0]))
     left = np.ones(36)
     _sum(*lists, left, np.zeros((1, SECTORS)))
     _take(*lists, np.array([0, 1]), left, np.zeros(36))

@@ -97,13 +97,33 @@ class Scene:
         step = max(1, round(self.means.planner.candidate_step_m / self.view.frame.cell_m))
         offset = rng.integers(step, size=2)
         open_cells = np.argwhere(np.isfinite(self.way_m))
-        cells = open_cells[((open_cells + offset) % step == 0).all(axis=1)]
+        return self._with_own(open_cells[((open_cells + offset) % step == 0).all(axis=1)])
+
+    def everywhere(self) -> Ints:
+        """Return the robot's own cell, and one of each square of `candidate_step_m` (N, 2).
+
+        It is the one nearest to the square's middle that can be driven to, so that a passage that
+        the lattice steps over is not left out: what is worth no look from here is worth none.
+        """
+        step = max(1, round(self.means.planner.candidate_step_m / self.view.frame.cell_m))
+        cells = np.argwhere(np.isfinite(self.way_m))
+        square, within = np.divmod(cells, step)
+        aside = ((within - (step - 1) / 2) ** 2).sum(axis=1)
+        order = np.argsort(aside, kind="stable")
+        _, first = np.unique(square[order], axis=0, return_index=True)
+        return self._with_own(cells[np.sort(order[first])])
+
+    def _with_own(self, cells: Ints) -> Ints:
         cells = cells[(cells != np.array(self.here)).any(axis=1)]
         return np.concatenate((np.array([self.here], dtype=np.int64), cells))
 
     def candidates(self, rng: np.random.Generator) -> Ints:
         """Return the robot's own cell and a sample of the lattice: `max_candidates` (N, 2)."""
-        cells, most = self.lattice(rng), self.means.planner.max_candidates
+        return self.sampled(self.lattice(rng), rng)
+
+    def sampled(self, cells: Ints, rng: np.random.Generator) -> Ints:
+        """Return the first of some cells (N, 2) and a sample of the others: `max_candidates`."""
+        most = self.means.planner.max_candidates
         if len(cells) > most:
             drawn = 1 + rng.choice(len(cells) - 1, most - 1, replace=False)
             cells = cells[np.concatenate(([0], np.sort(drawn)))]

@@ -1,9 +1,10 @@
 """`team-information`: routes of several looks, from what rays are likely to meet in the unknown.
 
-It differs from the paper's fifth method in five ways:
+It differs from the paper's fifth method in six ways:
 
 - rays into the unknown end where the robot has learned that they do (`hazard`), so that the walls
   that go on and the shadows behind them are told from open floor;
+- how far the chances of seeing a cell can be trusted is learned too, look by look (`trust`);
 - a far cell that a look leaves half sure counts in part, and the rest when it is made sure;
 - looks are chosen together: a route over several places, each with all that is worth looking at
   there, by what it shows less what it costs (`routes`); the robot takes its first look, and then
@@ -21,10 +22,11 @@ from agents.ground import paths
 from agents.planar.casting import Star, gains, windows, yaw_of
 from agents.planar.hazard import Hazard
 from agents.planar.looksets import COARSE, look_sets, sectors
-from agents.planar.methods import Memory, look_at
+from agents.planar.methods import Memory, look_at, seen_by
 from agents.planar.prospects import Prospects
 from agents.planar.routes import Prices, Route, Router
 from agents.planar.scene import Means, Scene
+from agents.planar.trust import STEPS, Trust
 from agents.planar.view import PlanarLook, PlanarView
 
 BLAMED = 4.0
@@ -54,6 +56,7 @@ class TeamInformation:
         self._means = means
         self._memory = Memory(means.planner.beta, sure=BLAMED)
         self._hazard = Hazard()
+        self._trust = Trust()
 
     def choose(self, view: PlanarView, rng: np.random.Generator) -> PlanarLook | None:
         """Return the next look, or None when no look is expected to map `min_gain_cells` cells."""
@@ -61,15 +64,22 @@ class TeamInformation:
         solid_p = self._hazard.take(view)
         pass_p = interest * (1.0 - solid_p)
         scene = Scene(view, self._means, interest * _not_theirs(view), pass_p=pass_p)
-        prospects = Prospects(scene, _promising(scene, rng))
+        self._trust.take(view.log_odds)
+        trust = self._trust.table()
         least = max(self._means.planner.min_gain_cells, 1e-9)
-        single, _ = prospects.sets(prospects.worth, 1)
-        if float(single.max()) < least:
+        prospects = Prospects(scene, _promising(scene, scene.lattice(rng), trust), trust)
+        best = prospects.best()
+        if best < least:  # the lattice may have stepped over a passage
+            prospects = Prospects(scene, _promising(scene, scene.everywhere(), trust), trust)
+            best = prospects.best()
+        if best < least:
             return None
         router = Router(scene, prospects)
-        prices, route = _dearest(router, float(single.max()), least)
-        cell, first, gain = _refined(scene, router, prospects, route, prices)
-        self._memory.expect(scene, cell, first)
+        prices, route = _dearest(router, best, least)
+        cell, first, gain = _refined(scene, router, prospects, route, prices, trust)
+        seen_p = seen_by(scene, cell, first)
+        self._trust.expect(seen_p, view.log_odds)
+        self._memory.expect_seen(view, trust[np.rint(seen_p * STEPS).astype(np.int64)])
         yaw_rad = float(yaw_of(np.array(first), scene.rays.width))
         return look_at(scene, cell, yaw_rad, gain)
 
@@ -88,14 +98,13 @@ def _not_theirs(view: PlanarView) -> Floats:
     return share
 
 
-def _promising(scene: Scene, rng: np.random.Generator) -> Ints:
-    """Return the places (E, 2) of the lattice from which the most may be seen, its own first."""
-    places = scene.lattice(rng)
+def _promising(scene: Scene, places: Ints, trust: Floats) -> Ints:
+    """Return those of some places (E, 2) from which the most may be seen, its own first."""
     most = scene.means.planner.max_candidates
     if len(places) <= most:
         return places
     rays = _thinned(scene.rays)
-    shown = gains(scene.through, scene.lacking, scene.worth, rays, places, related=True)
+    shown = gains(scene.through, scene.lacking, scene.worth, rays, places, trust=trust)
     promise = windows(shown, rays.width).max(axis=1)
     promise[0] = np.inf
     best = np.argsort(-promise, kind="stable")[:most]
@@ -124,7 +133,12 @@ def _dearest(router: Router, best: float, least: float) -> tuple[Prices, Route]:
 
 
 def _refined(
-    scene: Scene, router: Router, prospects: Prospects, route: Route, prices: Prices
+    scene: Scene,
+    router: Router,
+    prospects: Prospects,
+    route: Route,
+    prices: Prices,
+    trust: Floats,
 ) -> tuple[tuple[int, int], int, float]:
     """Return the best cell about a route's first place, with its best look's first ray and gain."""
     stop, cell_m = route[0], scene.view.frame.cell_m
@@ -137,7 +151,7 @@ def _refined(
     first, gain = 0, 0.0
     for half, step in REFINED:
         around = _around(scene, place, half, step)
-        ring = sectors(gains(scene.through, scene.lacking, left, scene.rays, around, related=True))
+        ring = sectors(gains(scene.through, scene.lacking, left, scene.rays, around, trust=trust))
         shown, firsts = look_sets(ring, prospects.width, looks)
         row, col = around[:, 0], around[:, 1]
         way_m = scene.way_m[row, col] + onward_m[row, col]

@@ -84,9 +84,9 @@ def _table(rows: Sequence[Row], world: str) -> Table:
     title = f"World {world}: to {GOAL:.0%} of the observable area, and to the end"
     columns = [
         "method", "robots", "looks", "driven, m", "time, s", "looks in all", "driven in all, m",
-        "mapped, %", "m2 per m",
+        "mapped, %", "m2 per m", "run_cpu_s",
     ]  # fmt: skip
-    formats = ["", "d", ".1f", ".0f", ".0f", ".1f", ".0f", ".1f", ".2f"]
+    formats = ["", "d", ".1f", ".0f", ".0f", ".1f", ".0f", ".1f", ".2f", ".1f"]
     return Table(f"methods-{world}", title, columns, lines, formats)
 
 
@@ -101,6 +101,7 @@ def _line(method: str, robots: int, found: Sequence[Row]) -> list[Cell]:
         _estimated(found, "driven_m"),
         estimate([100.0 * float(row["coverage"]) for row in found]),
         estimate([per_metre(row) for row in found]),
+        _estimated(found, "run_cpu_s"),
     ]
 
 

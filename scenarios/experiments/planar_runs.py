@@ -1,6 +1,7 @@
 """Trials of the planar experiments: one world, one way of choosing, looked at until all is seen."""
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -29,11 +30,15 @@ LOOKS = 200
 DRIVE = DriveSettings(speed_mps=0.3, turn_rate_radps=0.5, footprint_m=0.3)
 PLANNER = PlannerSettings(candidate_step_m=1.6, max_candidates=300, min_gain_cells=10.0)
 LOOK_S = 5.0
+SIDE_M = 100.0
+"""Of a made-up world."""
+LEAST_SIDE_M = 10.0
 
 SETTINGS = {
     "map": "a map_server yaml file to explore instead of made-up worlds; may be repeated",
     "method": f"only this one ({', '.join(METHODS)}); may be repeated",
     "looks": f"looks that a robot may take ({LOOKS})",
+    "side": f"side of the made-up worlds, m ({SIDE_M:g}; at least 10)",
 }
 
 
@@ -51,6 +56,15 @@ class Trial:
     looks: int = LOOKS
     goal: float = 1.0
     """Explore until so much is mapped, or nothing more can be gained."""
+    side_m: float = SIDE_M
+    """Of a made-up world."""
+
+    @property
+    def place(self) -> str:
+        """What the world is called."""
+        if self.world:
+            return Path(self.world).stem
+        return "made-up" if self.side_m == SIDE_M else f"made-up-{self.side_m:g}m"
 
 
 def trials_of(options: Options, robots: int, fov_deg: float, range_m: float) -> list[Trial]:
@@ -67,8 +81,11 @@ def trials_of(options: Options, robots: int, fov_deg: float, range_m: float) -> 
     looks = options.sets.get("looks", (str(LOOKS),))[-1]
     if not looks.isdecimal() or int(looks) < 1:
         raise UsageError(f"--set looks={looks}: must be a whole number, at least 1")
+    side_m = options.number("side", SIDE_M)
+    if side_m < LEAST_SIDE_M:
+        raise UsageError(f"--set side={side_m:g}: must be at least {LEAST_SIDE_M:g}, in m")
     return [
-        Trial(path, seed, method, robots, fov_deg, range_m, int(looks))
+        Trial(path, seed, method, robots, fov_deg, range_m, int(looks), side_m=side_m)
         for path in maps
         for seed in range(1, options.seeds + 1)
         for method in chosen
@@ -88,12 +105,15 @@ def _from_file(path: str) -> PlanarWorld:
 
 
 @lru_cache(maxsize=4)
-def world_of(path: str, seed: int, fov_deg: float, range_m: float) -> tuple[PlanarWorld, Bools]:
+def world_of(
+    path: str, seed: int, fov_deg: float, range_m: float, side_m: float = SIDE_M
+) -> tuple[PlanarWorld, Bools]:
     """Return a world and its observable cells; a made-up one depends on the seed alone."""
     if path:
         world = _from_file(path)
     else:
-        world = made_up(np.random.default_rng([seed, 20]), footprint_m=DRIVE.footprint_m)
+        rng = np.random.default_rng([seed, 20])
+        world = made_up(rng, side_m=side_m, footprint_m=DRIVE.footprint_m)
     sensor = sensor_of(fov_deg, range_m)
     return world, observable(world, sensor, DRIVE.footprint_m)
 
@@ -102,14 +122,16 @@ def measure(trial: Trial) -> Sequence[Row]:
     """Explore; return one row in all, and one for each look."""
     sensor = sensor_of(trial.fov_deg, trial.range_m)
     seed = 0 if trial.world else trial.seed
-    world, seen = world_of(trial.world, seed, trial.fov_deg, trial.range_m)
+    world, seen = world_of(trial.world, seed, trial.fov_deg, trial.range_m, trial.side_m)
     planner = PLANNER.model_copy(update={"max_looks": trial.looks})
     setup = Setup(trial.method, sensor, DRIVE, planner, trial.robots, trial.goal)
     exploration = Exploration(world, seen, setup)
+    begun_s = time.process_time()
     exploration.run(np.random.default_rng([trial.seed, 21]))
+    spent_s = time.process_time() - begun_s
     taken = exploration.taken
     base: Row = {
-        "world": Path(trial.world).stem if trial.world else "made-up",
+        "world": trial.place,
         "seed": trial.seed,
         "method": trial.method,
         "robots": trial.robots,
@@ -131,6 +153,8 @@ def measure(trial: Trial) -> Sequence[Row]:
         "wrong_share": last.wrong,
         "ended": exploration.ended,
         "bumps": exploration.bumps,
+        "run_cpu_s": spent_s,
+        "choice_cpu_s": max(look.choice_s for look in taken),
     }
     series: list[Row] = [
         {
