@@ -37,6 +37,7 @@ EXPERIMENTS = [
 ]
 FEW = {
     "compress": ["cell_m=0.4"],
+    "descents": ["sensor=range", "cell_m=0.2", "scenario=planner.max_looks=6"],
     "edge": [],
     "field": ["looks=1", "method=random"],
     "localisation": [],

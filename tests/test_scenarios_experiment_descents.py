@@ -131,6 +131,13 @@ def test_bad_settings_are_refused_before_anything_runs(
         descents.trials(Options(1, sets))
 
 
+def test_legs_are_summed_over_what_is_told_of_each_way() -> None:
+    said = [("recon", "motion from images", "6 of 13 legs"), ("recon", "ill look", "too dark")]
+    said += [("recon", "motion from images", "0 of 2 legs"), ("cliffbot", "ill look", "")]
+    events = [{"robot": robot, "what": what, "detail": detail} for robot, what, detail in said]
+    assert descents.legs(events) == {"legs": 15, "legs_told": 6, "ill_looks": 1}
+
+
 def test_seeds_begin_where_they_are_told_to() -> None:
     made = descents.trials(Options(2, {"first_seed": ["7"]}))
     assert [trial.seed for trial in made] == [7, 8]

@@ -76,7 +76,7 @@ def measure(trial: Trial) -> Sequence[Row]:
         looks, events = _table(out, "looks"), _table(out, "events")
     eyes_m = [(float(row["x_m"]), float(row["y_m"])) for row in looks]
     row: Row = {"seed": trial.seed, **_ending(result, events), "looks": len(looks)}
-    row |= _legs(events)
+    row |= legs(events)
     row["recon_pose_rms_m"] = result.summary["robots"][RECON]["pose_error_rms_m"]
     return [{**row, **accuracy(result, eyes_m), **by_class(result, eyes_m)}]
 
@@ -102,13 +102,15 @@ def _ending(result: RunResult, events: Sequence[dict[str, str]]) -> Row:
     }
 
 
-def _legs(events: Sequence[dict[str, str]]) -> Row:
+def legs(events: Sequence[dict[str, str]]) -> Row:
     """Return how many legs there were, of how many images told the motion, and ill looks."""
     mine = [row for row in events if row["robot"] == RECON]
-    counts = [row["detail"].split(" ") for row in mine if row["what"] == "motion from images"]
-    told, tried = (counts[-1][0], counts[-1][2]) if counts else ("0", "0")  # "6 of 13 legs"
-    ill = sum(row["what"] == "ill look" for row in mine)
-    return {"legs": int(tried), "legs_told": int(told), "ill_looks": ill}
+    told = [row["detail"].split(" ") for row in mine if row["what"] == "motion from images"]
+    return {
+        "legs": sum(int(words[2]) for words in told),  # "6 of 13 legs" since the last time
+        "legs_told": sum(int(words[0]) for words in told),
+        "ill_looks": sum(row["what"] == "ill look" for row in mine),
+    }
 
 
 EXPERIMENT = Experiment(
