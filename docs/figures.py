@@ -1,8 +1,11 @@
 """Draws the figures of the pages that explain (`make figures`), from runs and from the code itself.
 
-Two minutes on two cores; nothing is drawn that was not computed here.
+Two minutes on two cores; nothing is drawn that was not computed here. Single ones by their names:
+
+    python docs/figures.py look localisation-images
 """
 
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable
@@ -17,7 +20,10 @@ from agents.maps.elevation import Estimate, fuse_origins
 from comms.timebase import to_s
 from scenarios import Run, load, open_run, run
 from scenarios.experiments.figure import COLOURS, save_figure
+from scenarios.experiments.frame import Options
+from scenarios.experiments.frame import run as experiment
 from scenarios.logs.handed import read_life
+from scenarios.onelook import look_again, save_picture
 from scenarios.palette import INK, MUTED, robot_colours
 
 IMAGES = Path(__file__).parent / "images"
@@ -144,17 +150,56 @@ def _curve(out: Path, policy: str) -> tuple[Floats, Floats]:
     return np.interp(t_s, ends_s, bytes_sent, left=0.0) / 1000, bits / 1000
 
 
+# --- eyes --------------------------------------------------------------------------------------
+
+WALKED_SEEDS = 2
+LOOK = 7
+
+
+def localisation_images(out: Path) -> None:
+    """Draw Fig. 19 from rendered images: the figure of the experiment over two seeds."""
+    options = Options(WALKED_SEEDS, {"source": ["images"]})
+    experiment("localisation", options, out, jobs=1)
+    shutil.copyfile(out / "figure.png", IMAGES / "localisation-images.png")
+
+
+def look(out: Path) -> None:
+    """Draw what stereo eyes saw in one look over the edge of `field`."""
+    changes = ("sensor.kind=stereo", "method=team-information", f"planner.max_looks={LOOK}")
+    _run("field", out, *changes, "air=memory", "limit_s=200")
+    save_picture(look_again(out, "recon", LOOK), IMAGES / "look.png")
+
+
 def _run(name: str, out: Path, *changes: str) -> Run:
     result = run(load(name, changes), out, quiet=True, picture=False)
     return open_run(result.out)
 
 
+def _drawn(name: str, draw: Callable[[Figure], None]) -> None:
+    save_figure(IMAGES / f"{name}.png", draw)
+
+
+FIGURES: dict[str, Callable[[Path], None]] = {
+    "counting-twice": lambda _: _drawn("counting-twice", counting_twice),
+    "windows": lambda out: _drawn("windows", windows(out)),
+    "worth": lambda out: _drawn("worth", worth(out)),
+    "look": look,
+}
+SLOW: dict[str, Callable[[Path], None]] = {"localisation-images": localisation_images}
+"""Minutes each: drawn only when asked for by name."""
+
+
 def main() -> int:
-    """Draw all figures."""
+    """Draw the figures that are named, or all that are quick."""
+    every = FIGURES | SLOW
+    names = sys.argv[1:] or list(FIGURES)
+    unknown = [name for name in names if name not in every]
+    if unknown:
+        print(f"{unknown[0]}: no such figure; must be one of {', '.join(every)}", file=sys.stderr)
+        return 2
     with tempfile.TemporaryDirectory() as folder:
-        save_figure(IMAGES / "counting-twice.png", counting_twice)
-        save_figure(IMAGES / "windows.png", windows(Path(folder) / "windows"))
-        save_figure(IMAGES / "worth.png", worth(Path(folder) / "worth"))
+        for name in names:
+            every[name](Path(folder) / name)
     return 0
 
 

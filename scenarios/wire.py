@@ -54,6 +54,8 @@ class Plan:
     """Whether it tells how its map grows and what it plans (`scenarios.view`)."""
     endpoint: str = ""
     """Where the runner's Zenoh router listens; empty in the one-process form."""
+    pictures: Path | None = None
+    """Where robots of one computer keep what they decode, for each other; None: nowhere."""
     epoch_s: float | None = None
     """On the real clock: monotonic time of the run's start; None: it will be told ("begin")."""
 

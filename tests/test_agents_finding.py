@@ -102,6 +102,30 @@ def test_what_is_no_lander_is_not_found() -> None:
     assert "nothing in sight has its shape" in answer.reason
 
 
+def test_a_lander_behind_which_one_sees_is_none() -> None:
+    """Half of it is not there, and where it should be the ground beyond it was measured."""
+    at = Pose(5.0, 0.0, 0.0, 0.4)
+    points, sigma = cloud(at)
+    local = Pose(0.0, 0.0, 0.0, -at.yaw_rad).team_from_robot(points - [at.x_m, at.y_m, at.z_m])
+    gone = (local[:, 1] > -0.2) & (local[:, 2] > 0.1) & (np.abs(local[:, :2]) < 3).all(axis=1)
+    answer = finder().find(points[~gone], sigma[~gone], EYE_M)
+    assert isinstance(answer, NotFound)
+    assert "was seen through" in answer.reason
+
+
+def test_rough_ground_about_its_feet_says_nothing_against_a_lander() -> None:
+    at = Pose(5.0, 0.3, 0.05, -1.1)
+    points, sigma = cloud(at)
+    rng = np.random.default_rng(4)
+    about = rng.uniform(-1.5, 1.5, (3000, 2))
+    stones = np.column_stack((about + np.array((at.x_m, at.y_m)), rng.uniform(0.1, 0.4, 3000)))
+    points, sigma = np.concatenate((points, stones)), np.append(sigma, np.full(3000, 0.02))
+    found = finder().find(points, sigma, EYE_M)
+    assert isinstance(found, Found)
+    assert found.foot_m == pytest.approx([5.0, 0.3, 0.05], abs=0.06)
+    assert wrap_angle(found.yaw_rad + 1.1) == pytest.approx(0.0, abs=0.03)
+
+
 def test_a_lander_in_a_picture_is_a_sighting_and_no_ground() -> None:
     stands = HERE.moved(5.0, 0.3, 0.0, 0.8)
     stage = make_stage(flat(), {"alfa": 1.6, "post": 0.0}, salt=3, meshes={"post": "lander"})

@@ -1,6 +1,7 @@
 """What many hear is decoded once, and is what each would have decoded."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from comms.codec import CodecError
 
 
 @dataclass
-class Picture:
+class Told:
     cells: Floats
 
 
@@ -22,11 +23,11 @@ class Decoder:
     def __init__(self) -> None:
         self.asked: list[bytes] = []
 
-    def __call__(self, prefix: bytes) -> Picture:
+    def __call__(self, prefix: bytes) -> Told:
         self.asked.append(prefix)
         if not prefix:
             raise CodecError("nothing")
-        return Picture(np.full(3, float(prefix[0])))
+        return Told(np.full(3, float(prefix[0])))
 
 
 @given(st.integers(0, 4), st.lists(st.binary(min_size=1, max_size=1), max_size=40))
@@ -74,3 +75,25 @@ def test_a_tile_is_read_the_same_from_bytes_and_from_memory() -> None:
     assert other_shape is None
     np.testing.assert_array_equal(alone.elevation_m, again.elevation_m)
     np.testing.assert_array_equal(alone.sigma_m, again.sigma_m)
+
+
+def test_processes_of_one_computer_share_a_folder_and_what_is_damaged_there_is_decoded_again(
+    tmp_path: Path,
+) -> None:
+    first, other = Recall(), Recall()
+    first.share(tmp_path)
+    other.share(tmp_path)
+    asked: list[bytes] = []
+
+    def decode(prefix: bytes) -> Told:
+        asked.append(prefix)
+        return Told(np.frombuffer(prefix, np.uint8) + 1.0)
+
+    assert first.of(decode, b"abc").cells.tolist() == other.of(decode, b"abc").cells.tolist()
+    assert asked == [b"abc"]
+    (kept,) = tmp_path.iterdir()
+    kept.write_bytes(b"x" * 40)
+    assert other.of(decode, b"abc").cells.tolist() == [98.0, 99.0, 100.0]
+    assert asked == [b"abc", b"abc"]
+    first.share(tmp_path / "gone")
+    assert first.of(decode, b"abc").cells.tolist() == [98.0, 99.0, 100.0]

@@ -38,7 +38,8 @@ from agents.messages import (
 from agents.settings import SharingSettings
 from agents.sharing import Free, Heard, Mark
 from agents.sharing.beliefs import GUARD_S
-from agents.sharing.reports import unpack_report
+from agents.sharing.repair import DEAF_FRAMES, Repair
+from agents.sharing.reports import Acks, Report, unpack_report
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
 from comms.frames import Kind
 
@@ -584,3 +585,40 @@ def test_who_relays_a_map_knows_its_levels_and_tells_coarse_things_first() -> No
     assert max(levels) > 1, "the payloads of this test have levels"
     for key in told:
         assert relay.sharing._steps[key].ends == origin.sharing._steps[key].ends
+
+
+# --- who does not hear ----------------------------------------------------------------------
+
+
+def speaker(store: Store) -> Repair:
+    """Return robot 0's part, of a team of two, after it has spoken into the void for a while."""
+    repair = Repair(SharingSettings(), Origin(0, 0), 2, store, GRID.count)
+    repair.heard(Origin(1, 0), 0, 1.0)
+    repair.heard_report(1, NOTHING_HEARD, 1.0)
+    for seq in range(DEAF_FRAMES):
+        repair.sent(seq, 10.0 + seq, ())
+    return repair
+
+
+NOTHING_HEARD = Report((Acks(0, 0, 0),))
+
+
+def test_who_goes_on_hearing_nothing_is_deaf_but_not_who_has_only_come_back() -> None:
+    repair = speaker(Store())
+    repair.heard_report(1, NOTHING_HEARD, 60.0)
+    assert repair.listeners == []
+    repair.heard(Origin(1, 1), 0, 70.0)
+    assert len(repair.listeners) == 1, "a new life has new ears"
+    repair = speaker(Store())
+    repair.heard(Origin(1, 1), 0, 60.0)
+    repair.heard_report(1, NOTHING_HEARD, 60.0)
+    assert len(repair.listeners) == 1, "it has only come, and says so as its former life did"
+
+
+def test_who_hears_again_is_offered_also_what_it_was_never_believed_to_have() -> None:
+    store = Store()
+    key = TileKey(0, 0, 0, 1)
+    store.offer(Chunk(key, 1, 4, 0, b"tile"))
+    repair = speaker(store)
+    assert repair.heard_report(1, NOTHING_HEARD, 60.0) == [key]
+    assert repair.heard_report(1, Report((Acks(0, 0, DEAF_FRAMES),)), 70.0) == [key]

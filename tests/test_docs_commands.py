@@ -73,13 +73,14 @@ def ropeteam(argv: list[str]) -> list[str]:
 
 
 def environment(folder: Path) -> dict[str, str]:
-    """Return what a command finds: this program, a viewer that opens nothing, no debugger."""
+    """Return what a command finds: this program, viewers that open nothing, no debugger."""
     viewer = folder / "bin" / "rerun"
     viewer.parent.mkdir(exist_ok=True)
     viewer.write_text('#!/bin/sh\ntest -s "$(eval echo \\$$#)"\n')
     viewer.chmod(0o755)
     path = os.pathsep.join([str(viewer.parent), os.environ["PATH"]])
-    return {**os.environ, "PYTHONPATH": str(ROOT), "PATH": path, "PYTHONBREAKPOINT": "0"}
+    told = {"PYTHONPATH": str(ROOT), "PATH": path, "PYTHONBREAKPOINT": "0", "BROWSER": "true"}
+    return {**os.environ, **told}
 
 
 @pytest.fixture

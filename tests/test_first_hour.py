@@ -80,7 +80,7 @@ def test_no_browser_is_said_and_the_run_goes_on(monkeypatch: pytest.MonkeyPatch)
         (["run", "mine.toml"], "no such file"),
         (["run", "cliff", "--set", "links.rate=600"], "did you mean rate_bps?"),
         (["run", "cliff", "--set", "world.terrain.file=ground.npz"], "no such file"),
-        (["runn", "cliff"], "choose from"),
+        (["runn", "cliff"], "there is no runn, did you mean run? choose from run, "),
         (["report", "runs/none"], "runs/none"),
         (["export", "runs/none", "--format", "tum"], "runs/none"),
         (["compare", "runs/a", "runs/b"], "runs/a"),

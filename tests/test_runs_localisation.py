@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from run_helpers import Ran, records_of, run_of, small
 
+from agents.fusion import pose_numbers
 from agents.geometry import Floats
 from agents.robot import Robot
 from agents.teammap import TeamMap
@@ -143,3 +144,29 @@ def test_without_anything_known_in_sight_a_lost_robot_stays_lost(tmp_path: Path)
     assert not ran.robots["explorer-2"].located
     assert ran.robots["explorer-2"].looks > 0
     assert ran.robot("explorer-2")["pose_error_rms_m"] is None
+
+
+def test_a_lost_robot_knows_where_it_is_by_a_landmark_of_known_shape(tmp_path: Path) -> None:
+    """Nothing is known of its start but what its eyes make of a lander's shape."""
+    mark = {"x_m": 9.5, "y_m": 7.5, "yaw_deg": 40, "mesh": "lander"}
+    scenario = small(
+        "pair",
+        "seed=3",
+        "map.cell_m=0.1",
+        "limit_s=20",
+        "sensor.kind=stereo",
+        "sensor.range_m=9",
+        "robots.explorer-1.join_s=19",
+        "robots.explorer-2.start=[4.0, 7.0, 0.0]",
+        "robots.explorer-2.start_known=false",
+        *(f"world.landmarks.post.{key}={value}" for key, value in mark.items()),
+    )
+    ran = run_of(scenario, tmp_path / "run")
+    assert [e["detail"] for e in ran.events("explorer-2", "located")] == ["saw post"]
+    robot = ran.robots["explorer-2"]
+    there = set_stage(scenario).starts["explorer-2"]
+    error = pose_numbers(robot.pose) - pose_numbers(there)
+    assert np.abs(error[:3]).max() < 0.15
+    assert abs(float(error[3])) < 0.03
+    assert error @ np.linalg.solve(robot.filter.covariance, error) < 18.5  # chi2(4): 0.1 %
+    assert robot.own.known_cells() > 100

@@ -1,8 +1,11 @@
 """A run's report is one file that asks nothing of the network; runs are compared by their files."""
 
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -144,6 +147,30 @@ def test_options_of_the_live_view_want_a_view(
     assert main(["run", "pair", "--out", str(out), *args]) == BAD_INPUT
     assert word in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_view_opens_a_former_runs_report(ran: Ran, tmp_path: Path) -> None:
+    browser, told = tmp_path / "browser", tmp_path / "told"
+    browser.write_text(f'#!/bin/sh\necho "$1" > {told}\n')
+    browser.chmod(0o755)
+    done = subprocess.run(
+        [sys.executable, "-m", "scenarios.cli", "view", str(ran.out)],
+        env={**os.environ, "BROWSER": str(browser)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == f"In the browser: {ran.out / 'report.html'}\n"
+    assert told.read_text().strip() == (ran.out / "report.html").as_uri()
+
+
+def test_view_says_where_a_report_is_that_no_browser_can_open(
+    ran: Ran, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"):
+        monkeypatch.delenv(name, raising=False)
+    assert main(["view", str(ran.out)]) == OK
+    assert f"open {ran.out / 'report.html'} yourself" in capsys.readouterr().out
 
 
 # --- runs side by side ---------------------------------------------------------------------------

@@ -160,6 +160,9 @@ class Repair:
             # is this robot that has only come.
             if sender.robot in self._began_s or seq < YOUNG_FRAMES:
                 self.believed[sender.robot].forget()
+            # What its former life did not hear says nothing of this one's ears.
+            self._acked.pop(sender.robot, None)
+            self.deaf = {pair for pair in self.deaf if pair[0] != sender.robot}
             self._new_lives.add(sender.robot)
             self._began_s[sender.robot] = now_s
         elif self._ears.lost_since_s() is not None:
@@ -231,7 +234,7 @@ class Repair:
         pair = (listener, acks.robot)
         if (len(unheard) >= DEAF_FRAMES) != (pair in self.deaf):
             self.deaf ^= {pair}
-            changed += believed.tiles
+            changed += self._store.keys()  # also those of which it is believed to have nothing
         return changed
 
     @property

@@ -17,7 +17,7 @@ from agents.stereo.calibration import Calibration, pinhole
 from agents.stereo.conditions import ill_conditions
 from agents.stereo.finding import Finder, Found, NotFound
 from agents.stereo.matching import Grey, Matched, MatchSettings, match
-from agents.stereo.points import cloud
+from agents.stereo.points import calibration_covariances, cloud
 from agents.stereo.settings import StereoSettings
 from agents.stereo.tags import TagSearch, TagSighting, find_robots
 
@@ -106,7 +106,7 @@ def see(
         if isinstance(answer, NotFound):
             told += [f"{name}: {answer.reason}"] if answer.reason else []
             continue
-        marks.append(_mark(name, answer, eye_m, sensor))
+        marks.append(_mark(name, answer, turn, eye_m, sensor, calibration))
         size_m = (finder.shape.radius_m + ROOM_M, finder.shape.height_m + ROOM_M)
         kept &= _off(points_m, answer.foot_m, *size_m)
     exposure = Exposure(
@@ -152,10 +152,23 @@ def _off(points_m: Floats, foot_m: Floats, radius_m: float, top_m: float) -> Boo
     return (aside > radius_m) | (points_m[:, 2] - foot_m[2] > top_m)
 
 
-def _mark(name: str, found: Found, eye_m: Floats, sensor: SensorSettings) -> Sighting:
-    """Turn a landmark that was found into a sighting; to it comes the arm's levelling error."""
+def _mark(
+    name: str,
+    found: Found,
+    turn: Floats,
+    eye_m: Floats,
+    sensor: SensorSettings,
+    calibration: Calibration,
+) -> Sighting:
+    """Turn a landmark that was found into a sighting.
+
+    To its covariance come the arm's levelling error, and what the calibration may have wrong, which
+    all its points share.
+    """
     covariance = found.covariance.copy()
-    covariance[:3, :3] += _level_covariance(found.foot_m - eye_m, sensor)
+    from_eye_m = found.foot_m - eye_m
+    lens = calibration_covariances((turn.T @ from_eye_m)[None], calibration)[0]
+    covariance[:3, :3] += _level_covariance(from_eye_m, sensor) + turn @ lens @ turn.T
     x, y, z = (float(v) for v in found.foot_m)
     return Sighting(name, (x, y, z), wrap_angle(found.yaw_rad), covariance)
 

@@ -1,8 +1,6 @@
 """One run under faults, and all that its records say afterwards."""
 
-import os
 import shutil
-import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -17,6 +15,7 @@ from scenarios.crews.processes import ZenohCrew, start_fork_server
 from scenarios.live import LiveView
 from scenarios.play.actor import Actor
 from scenarios.play.virtual import VirtualRun
+from scenarios.records.folder import make_folder_in_memory
 from scenarios.records.summary import RobotFinal
 from scenarios.records.tables import Records
 from scenarios.schema import Scenario
@@ -24,9 +23,6 @@ from scenarios.scores.ledger import Ledger
 from scenarios.stage import Stage, set_stage
 from scenarios.wire import Report
 from sim.motion import Segment
-
-MEMORY_FOLDER = Path("/dev/shm")
-"""Where a robot's disk costs no disk, on Linux."""
 
 
 @dataclass
@@ -116,8 +112,7 @@ def _made_stage(text: str) -> Stage:
 @contextmanager
 def folder_in_memory() -> Generator[Path]:
     """Make a folder for the robots' disks, in memory where that can be."""
-    base = MEMORY_FOLDER if os.access(MEMORY_FOLDER, os.W_OK) else None
-    folder = Path(tempfile.mkdtemp(prefix="ropeteam-", dir=base))
+    folder = make_folder_in_memory()
     try:
         yield folder
     finally:

@@ -1,18 +1,19 @@
-"""`ropeteam view`: a run in the viewer that one already uses."""
+"""`ropeteam view`: a run in the browser, or in the viewer that one already uses."""
 
 import argparse
 import importlib.util
 import shutil
 import subprocess
 import sys
+import webbrowser
 from pathlib import Path
 
 from scenarios.commands.parsing import OK, Commands
 from scenarios.errors import UsageError
 
 _DESCRIPTION = """\
-Opens run.mcap of a former run in the Rerun viewer (`pip install rerun-sdk`), and makes it first
-from the robots' logs where it is not there.
+Opens a former run's report.html in the browser. With --rerun: its run.mcap in the Rerun viewer
+(`pip install rerun-sdk`). What is not there is made first from the run's other files.
 """
 
 
@@ -20,20 +21,35 @@ def add(commands: Commands) -> None:
     """Add the command."""
     command = commands.add_parser(
         "view",
-        help="open a run in Rerun",
+        help="open a run in the browser, or in Rerun",
         description=_DESCRIPTION,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     command.add_argument("folder", metavar="RUN", type=Path, help="the folder of a run")
-    command.add_argument("--rerun", action="store_true", required=True, help="in Rerun")
+    command.add_argument("--rerun", action="store_true", help="in Rerun")
     command.set_defaults(run=_run)
 
 
 def _run(args: argparse.Namespace) -> int:
+    return _rerun(args.folder) if args.rerun else _browser(args.folder)
+
+
+def _browser(folder: Path) -> int:
+    from scenarios.view.livepage import has_screen
+    from scenarios.view.report import FILE, write_report
+
+    page = folder / FILE if (folder / FILE).is_file() else write_report(folder)
+    if has_screen() and webbrowser.open(page.resolve().as_uri()):
+        print(f"In the browser: {page}")
+    else:
+        print(f"No browser can be opened here: open {page} yourself.")
+    return OK
+
+
+def _rerun(folder: Path) -> int:
     from scenarios.ros2.bag import NAME, write_bag
 
-    folder: Path = args.folder
     bag = folder / NAME if (folder / NAME).is_file() else write_bag(folder)
     # Left to itself it listens on all interfaces.
     subprocess.run([*_viewer(bag), "--bind", "127.0.0.1", str(bag)], check=False)

@@ -7,6 +7,7 @@ does is in `scenarios.crews.robotprocess`; processes on other computers are in `
 
 import contextlib
 import os
+import shutil
 import signal
 import threading
 import time
@@ -19,6 +20,7 @@ from typing import Any, Protocol
 from comms.zenoh_air import Wire, open_hub
 from scenarios.crews.crew import Cost, Obituary
 from scenarios.crews.robotprocess import robot_main
+from scenarios.records.folder import make_folder_in_memory
 from scenarios.wire import Grant, Plan, Report
 
 HANG_S = 120.0
@@ -143,6 +145,7 @@ class ZenohCrew:
         """Open the router (or take a wire to one), and watch over the processes to come."""
         self.costs: dict[str, Cost] = {}
         self._hub = wire or open_hub()
+        self._pictures = make_folder_in_memory()
         self._reports = self._hub.channel("world/report/*")
         self._robots: dict[str, _Robot] = {}
         self._started = 0
@@ -158,7 +161,7 @@ class ZenohCrew:
     def begin(self, plan: Plan, number: int) -> Process:
         """Start the process of one robot, the so manieth of all."""
         del number
-        whole = replace(plan, endpoint=self._hub.endpoint)
+        whole = replace(plan, endpoint=self._hub.endpoint, pictures=self._pictures)
         return LocalProcess(plan.name, robot_main, whole)
 
     def launch(self, plans: list[Plan]) -> None:
@@ -242,6 +245,7 @@ class ZenohCrew:
                 robot.process.join(max(0.0, deadline_s - time.monotonic()))
             self.kill(name)
         self._watcher.join()
+        shutil.rmtree(self._pictures, ignore_errors=True)
 
     def tend(self) -> None:
         """Do what is to be done now and then, on the watcher's thread."""

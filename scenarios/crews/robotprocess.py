@@ -9,6 +9,7 @@ from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any, cast
 
+from agents.recall import RECALL
 from comms.air import Packet, PacketError
 from comms.zenoh_air import Channel, Wire, open_client
 from comms.zenoh_security import Credentials
@@ -24,6 +25,7 @@ PR_SET_PDEATHSIG = 1
 def robot_main(plan: Plan, credentials: Credentials | None = None) -> None:
     """Be one robot's process: take grants, run windows, give reports."""
     prepare_process()
+    RECALL.share(plan.pictures)
     wire = open_client(plan.endpoint, credentials=credentials)
     try:
         _serve(plan, wire)

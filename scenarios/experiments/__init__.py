@@ -22,6 +22,7 @@ The frame does the rest: processes, folder, `rows.csv` (all that was measured), 
 
 EXPERIMENTS = {
     "compress": "what the paper's map codec and its four compressors cost, and what they lose",
+    "descents": "whole cliff missions on stereo eyes: endings, and how right the maps are",
     "edge": "the cliff edge as a polygon on ground strewn with rocks",
     "field": "four robots map a cliff of 75 degrees in ten looks, and one goes down it",
     "localisation": "how a camera's error grows with its way, by the fiducials that it goes by",

@@ -1,10 +1,14 @@
 """Where a run leaves its files: a folder that is new, empty, or holds a former run."""
 
+import os
 import shutil
+import tempfile
 from pathlib import Path
 
 from scenarios.errors import FolderError
 
+MEMORY_FOLDER = Path("/dev/shm")
+"""Where files cost no disk, on Linux."""
 MARK = ".ropeteam-run"
 """File that tells a run's folder from any other; it is written first."""
 RUN_FILES = (
@@ -89,3 +93,9 @@ def _files_of_a_run(path: Path) -> list[Path]:
     named = [path / name for name in RUN_FILES]
     matching = [file for pattern in RUN_PATTERNS for file in path.glob(pattern)]
     return sorted(file for file in {*named, *matching} if file.is_file())
+
+
+def make_folder_in_memory() -> Path:
+    """Make a folder of this user alone, in memory where that can be; its maker removes it."""
+    base = MEMORY_FOLDER if os.access(MEMORY_FOLDER, os.W_OK) else None
+    return Path(tempfile.mkdtemp(prefix="ropeteam-", dir=base))

@@ -43,7 +43,7 @@ class LivePage:
         self.say(f"Live view: {self.server.address}")
         if not self.opens:
             return
-        if _has_screen() and webbrowser.open(self.server.address):
+        if has_screen() and webbrowser.open(self.server.address):
             self.server.watched.wait(OPEN_S)
         else:
             self.say("No browser can be opened here: open the address yourself.")
@@ -65,7 +65,7 @@ class LivePage:
             self.desk.ask(wish)
 
 
-def _has_screen() -> bool:
+def has_screen() -> bool:
     """Say whether a browser would have a window: one in the terminal would take it from the run."""
     named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
     return named or not sys.platform.startswith("linux")

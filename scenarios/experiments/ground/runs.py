@@ -16,7 +16,7 @@ from scenarios.experiments.frame import Options
 from scenarios.experiments.ground import grids, oracle
 from scenarios.experiments.ground.accuracy import accuracy
 from scenarios.experiments.tables import Row
-from scenarios.runner import RunResult, run
+from scenarios.runner import RECORDS_ONLY, RunResult, run
 from scenarios.schema import Scenario, load
 from scenarios.stage import set_stage
 from sim.errors import WorldError
@@ -128,7 +128,7 @@ def measure(trial: Trial) -> Sequence[Row]:
         return [{**base, "row": "run", **whole}, *({**base, "row": "look", **r} for r in looks)]
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
-        result = run(scenario, out, quiet=True, picture=False)
+        result = run(scenario, out, RECORDS_ONLY)
         looks, first = _looks(out, scenario.planner.first_looks, trial.looks)
         whole = {"first_cells": first, "looks": len(looks), **_ending(result)}
         whole |= accuracy(result, _eyes(out, scenario.planner.first_looks + trial.looks))

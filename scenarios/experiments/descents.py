@@ -1,0 +1,127 @@
+"""`descents`: whole cliff missions on stereo eyes: how right maps are, and who got down.
+
+Nothing is given from the truth: poses are the robots' own estimates, points come out of rendered
+pairs, and the Cliff-bot, which sees nothing, goes down by the map that it is sent. A mission ends
+well when it got down, or stayed up and said so, and touched no rock and no step.
+"""
+
+import csv
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from scenarios.errors import StudyError, UsageError
+from scenarios.experiments.descents_claims import conclude
+from scenarios.experiments.descents_figure import draw
+from scenarios.experiments.frame import Experiment, Options
+from scenarios.experiments.ground.accuracy import accuracy, by_class
+from scenarios.experiments.ground.runs import SENSORS
+from scenarios.experiments.tables import Row
+from scenarios.runner import RECORDS_ONLY, RunResult, run
+from scenarios.schema import Scenario, load
+from scenarios.stage import set_stage
+from sim.errors import WorldError
+
+CELL_M = 0.05
+SAMPLE_S = 20
+"""Robots weigh their maps for the record so often: here nobody reads that."""
+RECON = "recon"
+CLIFFBOT = "cliffbot"
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One mission."""
+
+    seed: int
+    sets: tuple[str, ...]
+
+
+def trials(options: Options) -> Sequence[Trial]:
+    """Return a mission for each seed.
+
+    Raises StudyError for bad settings, before anything runs.
+    """
+    sensor = options.one("sensor", "stereo")
+    if sensor not in SENSORS:
+        raise UsageError(f"--sensor {sensor}: must be one of {', '.join(SENSORS)}")
+    cell_m = options.number("cell_m", CELL_M)
+    sets = [f"sensor.kind={sensor}", f"air={options.one('air', 'memory')}", f"map.cell_m={cell_m}"]
+    sets += [f"sample_s={SAMPLE_S}"]
+    file = options.one("world.terrain.file", "")
+    sets += [f"world.terrain.file={file}"] if file else []
+    sets += options.sets.get("scenario", ())
+    text = options.one("first_seed", "1")
+    if not text.isdecimal():
+        raise UsageError(f"--set first_seed={text}: must be a whole number")
+    first = int(text)
+    made = [Trial(seed, tuple(sets)) for seed in range(first, first + options.seeds)]
+    try:
+        set_stage(_scenario(made[0]))
+    except WorldError as error:
+        raise StudyError(str(error)) from error
+    return made
+
+
+def _scenario(trial: Trial) -> Scenario:
+    return load("cliff", trial.sets, seed=trial.seed)
+
+
+def measure(trial: Trial) -> Sequence[Row]:
+    """Run a mission; return its one row."""
+    with tempfile.TemporaryDirectory(prefix="ropeteam-descent-") as folder:
+        out = Path(folder) / "run"
+        result = run(_scenario(trial), out, RECORDS_ONLY)
+        looks, events = _table(out, "looks"), _table(out, "events")
+    eyes_m = [(float(row["x_m"]), float(row["y_m"])) for row in looks]
+    row: Row = {"seed": trial.seed, **_ending(result, events), "looks": len(looks)}
+    row |= _legs(events)
+    row["recon_pose_rms_m"] = result.summary["robots"][RECON]["pose_error_rms_m"]
+    return [{**row, **accuracy(result, eyes_m), **by_class(result, eyes_m)}]
+
+
+def _table(out: Path, name: str) -> list[dict[str, str]]:
+    with (out / f"{name}.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _ending(result: RunResult, events: Sequence[dict[str, str]]) -> Row:
+    """Return what became of the Cliff-bot, and when."""
+    mission = result.summary["mission"]
+    said = {row["what"] for row in events if row["robot"] == CLIFFBOT}
+    hazards, reached = int(mission["hazards_hit"]), bool(mission["cliffbot_reached"])
+    stayed = "stayed" if "stuck" in said else "neither"
+    return {
+        "became": "hurt" if hazards else "down" if reached else stayed,
+        "hazards": hazards,
+        "reached": reached,
+        "knew_a_way": mission["safe_path_at_s"] is not None,
+        "simulated_s": float(result.summary["simulated_s"]),
+        "reason": str(result.summary["outcome_reason"]),
+    }
+
+
+def _legs(events: Sequence[dict[str, str]]) -> Row:
+    """Return how many legs there were, of how many images told the motion, and ill looks."""
+    mine = [row for row in events if row["robot"] == RECON]
+    counts = [row["detail"].split(" ") for row in mine if row["what"] == "motion from images"]
+    told, tried = (counts[-1][0], counts[-1][2]) if counts else ("0", "0")  # "6 of 13 legs"
+    ill = sum(row["what"] == "ill look" for row in mine)
+    return {"legs": int(tried), "legs_told": int(told), "ill_looks": ill}
+
+
+EXPERIMENT = Experiment(
+    trials=trials,
+    measure=measure,
+    conclude=conclude,
+    draw=draw,
+    settings={
+        "sensor": f"what the RECON-bot sees with: {' or '.join(SENSORS)} (stereo); also --sensor",
+        "cell_m": f"the map's cells in metres ({CELL_M:g})",
+        "first_seed": "the seed to begin with (1)",
+        "world.terrain.file": "a measured ground (.npz or GeoTIFF) instead of the made one",
+        "air": "memory, all robots in one process (the default), or zenoh, a process for each",
+        "scenario": "KEY=VALUE for every run's scenario, e.g. scenario=links.profile=sojourner",
+    },
+)
