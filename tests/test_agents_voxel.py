@@ -11,7 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter
 from team_helpers import SPACE, voxel_look
-from voxel_helpers import BUILD, CELL_M, EXACT, MEANS, PLANNER, SENSOR, hall, map_of, standing
+from voxel_helpers import (
+    BUILD,
+    CELL_M,
+    EXACT,
+    MEANS,
+    PLANNER,
+    SENSOR,
+    explored,
+    hall,
+    map_of,
+    standing,
+)
 
 from agents.geometry import Pose
 from agents.layers import Anchor
@@ -470,6 +481,18 @@ def test_a_look_that_shows_most_blames_what_it_missed_by_its_chance() -> None:
         for cell in cells[missed]
     ]
     assert found == pytest.approx(np.exp(-PLANNER.beta * blamed))
+
+
+@pytest.mark.parametrize("name", ["max-new", "min-old", "team-information"])
+def test_a_method_ends_by_itself_and_not_before_all_is_mapped(name: str) -> None:
+    looks, known, ended = explored(HALL, MEANS, name, 150)
+    assert ended
+    sure = np.zeros(HALL.solid.shape, dtype=bool)
+    for block, cube in known.cubes.items():
+        layer, row, col = (n * SIDE for n in block)
+        part = sure[layer : layer + SIDE, row : row + SIDE, col : col + SIDE]
+        part[:] = (np.abs(cube.log_odds) > MAPPED)[tuple(slice(n) for n in part.shape)]
+    assert (sure & SEEN).sum() > 0.97 * SEEN.sum(), looks
 
 
 def test_a_robot_in_the_dark_stands_where_it_stands_and_can_look() -> None:
