@@ -3,6 +3,7 @@
 import itertools
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter
 from team_helpers import SPACE, voxel_look
-from voxel_helpers import BUILD, CELL_M, EXACT, MEANS, PLANNER, SENSOR, hall, map_of, standing
+from voxel_helpers import (
+    BUILD,
+    CELL_M,
+    EXACT,
+    MEANS,
+    PLANNER,
+    SENSOR,
+    explored,
+    hall,
+    map_of,
+    standing,
+)
 
 from agents.geometry import Pose
 from agents.layers import Anchor
@@ -24,8 +36,11 @@ from agents.voxel.frame import VoxelFrame, VoxelSet, by_block
 from agents.voxel.ground import AWAY, FREE, SOLID, UNKNOWN, Build, Ground, corners_of, way_back
 from agents.voxel.markov import SWEEPS, relaxed
 from agents.voxel.matching import match
+from agents.voxel.methods import CLAIM_AHEAD, CLAIM_RADIUS
 from agents.voxel.rays import crossings, most_crossed
 from agents.voxel.scene import Scene
+from agents.voxel.sense import ALL_MISSED, MISSED_POWER, VoxelSense
+from agents.voxel.team import CLAIMED, THEIRS, not_theirs
 from agents.voxel.view import VoxelView
 from agents.voxelcast import SIDE
 from comms.plugins import PluginError
@@ -388,6 +403,96 @@ def test_what_proved_not_to_be_visible_is_not_looked_for() -> None:
     chooser = method("information-voxel", MEANS)
     assert chooser.choose(view, np.random.default_rng(1)) is not None
     assert chooser.choose(replace(view, interest=dull), np.random.default_rng(1)) is None
+
+
+def test_a_team_mates_claim_turns_the_others_look_elsewhere() -> None:
+    # In the middle of the hall, in the dark: east is as good as west.
+    alone = VoxelView(HALL.frame, VoxelOccupancy({}), pose=standing(HALL, (5, 7, 22)))
+    ours = method("team-information", MEANS)
+    first = ours.choose(alone, np.random.default_rng(1))
+    assert first is not None
+    claimed = ours.choose(replace(alone, claims=(first.claim,)), np.random.default_rng(1))
+    assert claimed is not None
+    assert math.dist(first.claim[:2], claimed.claim[:2]) > 1.0
+    silent = ours.choose(alone, np.random.default_rng(1))
+    assert silent is not None
+    assert silent.claim == first.claim, "it is free again when the claim is gone"
+
+
+def test_what_a_team_mate_stands_nearer_to_counts_half_and_what_it_claims_a_tenth() -> None:
+    view = view_of(22)
+    scene = Scene(view, MEANS)
+    here = np.array([scene.place])
+    assert not_theirs(scene, here) == pytest.approx(np.ones((1, BEARINGS)))
+    east_m = CLAIM_AHEAD * SENSOR.range_m
+    mate = replace(view.pose, x_m=view.pose.x_m + 1.5 * east_m)
+    share = not_theirs(Scene(replace(view, others=(mate,)), MEANS), here)[0]
+    assert share[0] == THEIRS
+    assert share[BEARINGS // 2] == 1.0, "away from it"
+    eye = scene.view.frame.centres_m(scene.eyes(here))[0]
+    ahead = (float(eye[0]) + east_m, float(eye[1]), CLAIM_RADIUS * SENSOR.range_m)
+    share = not_theirs(Scene(replace(view, claims=(ahead,)), MEANS), here)[0]
+    assert share[0] == pytest.approx(CLAIMED, abs=0.05)
+    assert share[BEARINGS // 2] > 0.99
+
+
+def test_no_method_ends_because_the_lot_left_out_the_one_place_that_shows_something() -> None:
+    few = replace(MEANS, planner=PLANNER.model_copy(update={"max_candidates": 1}))
+    west = SEEN & (np.arange(HALL.frame.cols) < 26)[None, None, :]
+    view = VoxelView(HALL.frame, map_of(HALL, west), pose=standing(HALL, (4, 3, 3)))
+    own = Scene(view, few)
+    assert len(own.candidates(np.random.default_rng(1))) == 1
+    assert len(own.everywhere()) > 5
+    for name in METHODS.own:
+        assert method(name, few).choose(view, np.random.default_rng(1)) is not None
+
+
+def sense_of() -> VoxelSense:
+    told = {"frame": HALL.frame, "sensor": SENSOR, "drive": EXACT, "planner": PLANNER}
+    return VoxelSense(SimpleNamespace(**told, method="max-new"))  # type: ignore[arg-type]
+
+
+def test_a_look_that_shows_nothing_of_what_it_was_expected_to_is_not_chosen_for_ever() -> None:
+    sense, nothing = sense_of(), VoxelOccupancy({})
+    view = VoxelView(HALL.frame, nothing, pose=standing(HALL, (4, 7, 6)))
+    sense.expect(view, view.pose, 0.0)
+    cells, p = sense._expected
+    unlikely = cells[np.argmin(p)]
+    block, at = tuple(int(n) // SIDE for n in unlikely), tuple(unlikely % SIDE)
+    sense.fused(nothing)
+    assert sense._interest[block][at] == pytest.approx(
+        math.exp(-max(ALL_MISSED, float(p.min())) * PLANNER.beta)
+    )
+
+
+def test_a_look_that_shows_most_blames_what_it_missed_by_its_chance() -> None:
+    sense, nothing = sense_of(), VoxelOccupancy({})
+    view = VoxelView(HALL.frame, nothing, pose=standing(HALL, (4, 7, 6)))
+    sense.expect(view, view.pose, 0.0)
+    cells, p = sense._expected
+    seen = np.zeros(HALL.solid.shape, dtype=bool)
+    seen[tuple(cells[p > np.median(p)].T)] = True
+    sense.fused(map_of(HALL, seen))
+    missed = ~seen[tuple(cells.T)]
+    share = p[missed].sum() / p.sum()
+    blamed = np.maximum(p[missed], ALL_MISSED * share**MISSED_POWER)
+    found = [
+        sense._interest[tuple(int(n) // SIDE for n in cell)][tuple(cell % SIDE)]
+        for cell in cells[missed]
+    ]
+    assert found == pytest.approx(np.exp(-PLANNER.beta * blamed))
+
+
+@pytest.mark.parametrize("name", ["max-new", "min-old", "team-information"])
+def test_a_method_ends_by_itself_and_not_before_all_is_mapped(name: str) -> None:
+    looks, known, ended = explored(HALL, MEANS, name, 150)
+    assert ended
+    sure = np.zeros(HALL.solid.shape, dtype=bool)
+    for block, cube in known.cubes.items():
+        layer, row, col = (n * SIDE for n in block)
+        part = sure[layer : layer + SIDE, row : row + SIDE, col : col + SIDE]
+        part[:] = (np.abs(cube.log_odds) > MAPPED)[tuple(slice(n) for n in part.shape)]
+    assert (sure & SEEN).sum() > 0.97 * SEEN.sum(), looks
 
 
 def test_a_robot_in_the_dark_stands_where_it_stands_and_can_look() -> None:

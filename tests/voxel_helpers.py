@@ -1,14 +1,21 @@
 """Small worlds of cubes, and maps of them as a robot would have them."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
 import numpy as np
 
-from agents.geometry import Pose
-from agents.maps.voxel import Cube, VoxelOccupancy
-from agents.occupancy.view import Means
+from agents.geometry import Pose, wrap_angle
+from agents.layers import Anchor
+from agents.maps.voxel import Cube, VoxelOccupancy, VoxelSubmap
+from agents.maps.voxellook import look_odds
+from agents.occupancy.view import Means, Situation
 from agents.settings import DriveSettings, PlannerSettings, SensorSettings
 from agents.voxel.frame import VoxelFrame, by_block
 from agents.voxel.ground import Build
-from sim.voxel.world import VoxelWorld
+from agents.voxel.sense import VoxelSense
+from sim.voxel.world import VoxelWorld, look
 
 CELL_M = 0.25
 SENSOR = SensorSettings(
@@ -54,6 +61,47 @@ def map_of(world: VoxelWorld, seen: np.ndarray, size: float = 4.0) -> VoxelOccup
         cube.looks.ravel()[places] = 1
         cubes[block] = cube
     return VoxelOccupancy(cubes)
+
+
+def explored(
+    world: VoxelWorld, means: Means, method: str, most_looks: int
+) -> tuple[int, VoxelOccupancy, bool]:
+    """Let one robot map a world alone, from exact poses, without a radio.
+
+    Returns the looks that it took, its map, and whether it ended by itself.
+    """
+    told = {"frame": world.frame, "sensor": means.sensor, "drive": means.drive}
+    sense = VoxelSense(cast("Any", SimpleNamespace(**told, planner=means.planner, method=method)))
+    rng, looks = np.random.default_rng(5), 0
+    pose, tilt_rad = standing(world, world.start), sense.first_looks[0][1]
+    submap = VoxelSubmap(world.frame, Anchor.at(pose, (0.0, 0.0, 0.0, 0.0)))
+    ahead = [wrap_angle(pan) for pan, _ in sense.first_looks]
+    ground = world.ground(Build.of(means.drive, means.sensor, world.frame.cell_m))
+    while looks < most_looks:
+        camera = replace(pose, yaw_rad=ahead.pop()) if ahead else pose
+        sense.arrived()
+        sense.expect(
+            sense.view(VoxelOccupancy(submap.cubes), Situation(pose=pose)), camera, tilt_rad
+        )
+        ranges_m = look(world, camera, tilt_rad, means.sensor, rng)
+        exact = (0.0, 0.0, 0.0, 0.0)
+        submap.observe(
+            look_odds(ranges_m, camera, tilt_rad, world.frame, means.sensor, extra_variance=exact)
+        )
+        looks += 1
+        fused = VoxelOccupancy(submap.cubes)
+        sense.fused(fused)
+        if ahead:
+            continue
+        chosen = sense.choose(sense.view(fused, Situation(pose=pose)), rng)
+        if chosen is None:
+            return looks, fused, True
+        x_m, y_m = (float(v) for v in chosen.path_m[-1])
+        cell = world.frame.voxel_of(x_m, y_m, pose.z_m + 0.5 * world.frame.cell_m)
+        place = ground.place_at(*cell, 20)
+        pose = standing(world, tuple(int(n) for n in ground.cells[place]), chosen.heading_rad)
+        tilt_rad = chosen.tilt_rad
+    return looks, VoxelOccupancy(submap.cubes), False
 
 
 def standing(world: VoxelWorld, cell: tuple[int, int, int], yaw_rad: float = 0.0) -> Pose:

@@ -57,11 +57,18 @@ class Star:
     most_cells: float
     """N of Eq. 6: cells that a look could show at most."""
 
-    def window(self, by_ray: Floats, tilt_rad: float) -> Floats:
-        """Return the sums (E, B, ...) of by_ray (E, R, ...) over looks at each first bearing."""
+    def ring(self, by_ray: Floats, tilt_rad: float) -> Floats:
+        """Return the sums (E, B, ...) of by_ray (E, R, ...) over a tilted look's rays, by bearing.
+
+        Bearings are all round, whatever the look's field of view.
+        """
         inside = np.abs(self.heights_rad - tilt_rad) < self.half_rad
         ringed = by_ray.reshape(len(by_ray), len(self.heights_rad), BEARINGS, *by_ray.shape[2:])
-        rows = ringed[:, inside].sum(axis=1)
+        return ringed[:, inside].sum(axis=1)
+
+    def window(self, by_ray: Floats, tilt_rad: float) -> Floats:
+        """Return the sums (E, B, ...) of by_ray (E, R, ...) over looks at each first bearing."""
+        rows = self.ring(by_ray, tilt_rad)
         total = np.cumsum(np.concatenate((rows, rows[:, : self.width]), axis=1), axis=1)
         first = np.zeros_like(total[:, :1])
         padded = np.concatenate((first, total), axis=1)

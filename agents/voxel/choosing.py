@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from agents.occupancy.view import Means
-from agents.voxel import methods
+from agents.voxel import methods, team
 from agents.voxel.methods import VoxelMethod
 from comms.plugins import Plugins
 
@@ -17,6 +17,7 @@ METHODS: Plugins[Callable[[Means], VoxelMethod]] = Plugins(
         "information": methods.Histogrammed,
         "information-entropy": methods.Stretched,
         "information-voxel": methods.Voxel,
+        "team-information": team.TeamInformation,
     },
 )
 """By name; each is called for every robot, with the means that it has."""

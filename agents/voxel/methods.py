@@ -44,6 +44,21 @@ class VoxelMethod(Protocol):
         ...
 
 
+def chosen_look(
+    scene: Scene, place: int, yaw_rad: float, tilt_rad: float, gain: float
+) -> VoxelChoice:
+    """Return the look from a place, with the way there and what team-mates are told."""
+    way = scene.way(place)
+    path_m = scene.path_m(way)
+    range_m = scene.means.sensor.range_m
+    claim = (
+        float(path_m[-1, 0]) + CLAIM_AHEAD * range_m * math.cos(yaw_rad),
+        float(path_m[-1, 1]) + CLAIM_AHEAD * range_m * math.sin(yaw_rad),
+        CLAIM_RADIUS * range_m,
+    )
+    return VoxelChoice(path_m, way, yaw_rad, tilt_rad, gain, claim)
+
+
 class _Sampled(ABC):
     """What all share: candidates and stop. Cells are told apart as new (0), old (1)."""
 
@@ -53,26 +68,32 @@ class _Sampled(ABC):
     def choose(self, view: VoxelView, rng: np.random.Generator) -> VoxelChoice | None:
         """Return the next look, or None when no look is expected to map enough."""
         scene, planner = Scene(view, self._means), self._means.planner
-        places = scene.candidates(rng)
         yaws = 2.0 * math.pi * np.arange(planner.headings) / planner.headings
         firsts = np.array([first_bearing(float(yaw), scene.star.width) for yaw in yaws])
         tilts = [math.radians(tilt) for tilt in planner.tilts_deg]
-        gain, tally = cast(scene.matter, self._kinds(scene), scene.star, scene.eyes(places))
-        looks = [scene.star.window(gain, tilt)[:, firsts] for tilt in tilts]
-        cells: Floats = np.stack(looks, axis=2) / MAPPED
-        if float(cells.max()) < max(planner.min_gain_cells, 1e-9):
+        least = max(planner.min_gain_cells, 1e-9)
+        places = scene.candidates(rng)
+        cells, seen = self._rays(scene, places, firsts, tilts)
+        if float(cells.max()) < least:  # the sample may have left out the last one
+            places = scene.everywhere()
+            cells, seen = self._rays(scene, places, firsts, tilts)
+        if float(cells.max()) < least:
             return None
-        seen = [scene.star.window(tally.astype(np.float64), tilt)[:, firsts] for tilt in tilts]
-        at = self._pick(scene, places, np.stack(seen, axis=2), cells, rng)
-        way = scene.way(int(places[at[0]]))
-        path_m = scene.path_m(way)
-        yaw_rad, range_m = float(yaws[at[1]]), self._means.sensor.range_m
-        claim = (
-            float(path_m[-1, 0]) + CLAIM_AHEAD * range_m * math.cos(yaw_rad),
-            float(path_m[-1, 1]) + CLAIM_AHEAD * range_m * math.sin(yaw_rad),
-            CLAIM_RADIUS * range_m,
+        at = self._pick(scene, places, seen, cells, rng)
+        return chosen_look(
+            scene, int(places[at[0]]), float(yaws[at[1]]), tilts[at[2]], float(cells[at])
         )
-        return VoxelChoice(path_m, way, yaw_rad, tilts[at[2]], float(cells[at]), claim)
+
+    def _rays(
+        self, scene: Scene, places: Ints, firsts: Ints, tilts: list[float]
+    ) -> tuple[Floats, Floats]:
+        """Return how many cells looks are expected to map (E, H, T), and to show of each class."""
+        star = scene.star
+        gain, tally = cast(scene.matter, self._kinds(scene), star, scene.eyes(places))
+        tally = tally.astype(np.float64)
+        cells = [star.window(gain, tilt)[:, firsts] for tilt in tilts]
+        seen = [star.window(tally, tilt)[:, firsts] for tilt in tilts]
+        return np.stack(cells, axis=2) / MAPPED, np.stack(seen, axis=2)
 
     def _kinds(self, scene: Scene) -> Kinds:
         """Return how cells are told apart."""
@@ -108,7 +129,7 @@ class _Rated(_Sampled):
 def rated(scene: Scene, places: Ints, worth: Floats) -> Floats:
     """Return RF (E, H, T) of Eq. 23 for a worth NI of looks. Places are known to be free."""
     planner, drive, variance = scene.means.planner, scene.means.drive, scene.view.variance
-    way_m = np.where(places < 0, 0.0, scene.way_m[places]) if len(scene.way_m) else np.zeros(1)
+    way_m = scene.way_to_m(places)
     sigma_m = np.sqrt(variance[0] + variance[1] + (drive.odometry_sigma * way_m) ** 2)
     return rate(
         worth,

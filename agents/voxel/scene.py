@@ -46,6 +46,11 @@ class Scene:
         """(blocks, 16, 16, 16) cells whose occupancy is off by more than 0.4 from 0.5."""
         return np.abs(self.log_odds) > MAPPED
 
+    def mapped_at(self, cells: Ints) -> NDArray[np.bool_]:
+        """Say which cells (N, 3) of the frame are mapped."""
+        number = self.packed.index[tuple((cells // CUBE[0]).T)]
+        return (number >= 0) & self.mapped[(number, *(cells % CUBE[0]).T)]
+
     @cached_property
     def interest(self) -> Singles:
         """(blocks, 16, 16, 16) weight of each cell's worth (Eq. 9)."""
@@ -171,6 +176,28 @@ class Scene:
         if len(places) > planner.max_candidates - 1:
             places = np.sort(rng.choice(places, planner.max_candidates - 1, replace=False))
         return np.concatenate((np.array([self.place]), places))
+
+    def everywhere(self) -> Ints:
+        """Return its own place and one of each square of `candidate_step_m` and layer (N,).
+
+        What is worth no look from any of them is worth none: no lattice or lot leaves them out.
+        """
+        step = max(1, round(self.means.planner.candidate_step_m / self.view.frame.cell_m))
+        places = np.flatnonzero(np.isfinite(self.way_m))
+        cells = self.ground.cells[places]
+        square, within = np.divmod(cells[:, 1:], step)
+        aside = ((within - (step - 1) / 2) ** 2).sum(axis=1)
+        order = np.argsort(aside, kind="stable")
+        squares = np.column_stack((cells[:, 0] // step, square))
+        _, first = np.unique(squares[order], axis=0, return_index=True)
+        places = places[np.sort(order[first])]
+        return np.concatenate((np.array([self.place]), places[places != self.place]))
+
+    def way_to_m(self, places: Ints) -> Floats:
+        """Return how far (N,) places are; -1, its own where the map forbids it, is here."""
+        if not len(self.way_m):
+            return np.zeros(len(places))
+        return np.where(places < 0, 0.0, self.way_m[places])
 
     def eyes(self, places: Ints) -> Ints:
         """Return the cells (N, 3) in which the camera is at each of some places."""

@@ -20,8 +20,12 @@ from agents.voxel.matching import match
 from agents.voxel.scene import Scene
 from agents.voxel.view import VoxelView
 
-LEAST_P = 0.05
-"""A cell that was less likely to be seen has lost no interest by not being seen."""
+ALL_MISSED = 0.3
+"""What stands and falls together: of a look that shows nothing of what it was expected to, each
+cell is blamed as if it had been seen with this chance at least, however unlikely it was. Else many
+cells with a small chance each, behind a gap that is none, would hold a robot for ever ..."""
+MISSED_POWER = 4
+"""... and of a look that missed a share, by this power of it: most looks miss some."""
 
 
 class VoxelSense:
@@ -67,7 +71,8 @@ class VoxelSense:
             self.frame,
             self.settings.sensor,
         )
-        self._expected = cells, p
+        fresh = ~scene.mapped_at(cells)
+        self._expected = cells[fresh], p[fresh]
         return Expected(float(p.sum()), p)
 
     def match(
@@ -107,17 +112,18 @@ class VoxelSense:
         none: so being measured does not win interest back, as on other maps; mapped cells need
         none.
         """
-        beta = self.settings.planner.beta
-        cells, p = self._expected
-        likely = p > LEAST_P
-        for block, which, places in by_block(cells[likely]):
-            share = self._interest.setdefault(block, np.ones(CUBE)).ravel()
+        beta, (cells, p) = self.settings.planner.beta, self._expected
+        missed = np.ones(len(cells), dtype=np.bool_)
+        parts = by_block(cells)
+        for block, which, places in parts:
             cube = fused.cubes.get(block)
-            if cube is None:
-                missed = np.ones(len(places), dtype=np.bool_)
-            else:
-                missed = np.abs(cube.log_odds.ravel()[places]) <= MAPPED
-            share[places[missed]] *= np.exp(-beta * p[likely][which[missed]])
+            if cube is not None:
+                missed[which] = np.abs(cube.log_odds.ravel()[places]) <= MAPPED
+        share_missed = float(p[missed].sum()) / max(float(p.sum()), 1e-9)
+        blamed = np.maximum(p, ALL_MISSED * share_missed**MISSED_POWER)
+        for block, which, places in parts:
+            share, lost = self._interest.setdefault(block, np.ones(CUBE)).ravel(), missed[which]
+            share[places[lost]] *= np.exp(-beta * blamed[which[lost]])
 
     def choose(self, view: VoxelView, rng: np.random.Generator) -> NextLook | None:
         """Choose a look, and remember the way there."""
