@@ -161,6 +161,16 @@ def test_a_robot_that_comes_back_to_a_full_disk_counts_nothing_twice() -> None:
     assert len(events(evidence, "explorer-2", "restart")) == 4, "two by the scenario, two its own"
 
 
+def test_who_is_back_before_an_earlier_restart_is_over_is_not_started_twice() -> None:
+    faults = [
+        Fault("restart", 2.34, 23.939, "explorer-1"),
+        Fault("restart", 8.53, 7.749, "explorer-1"),
+    ]
+    evidence = run(*faults)
+    assert violations(evidence) == []
+    assert next(a.lives for a in evidence.actors if a.name == "explorer-1") == 2
+
+
 def test_a_slow_computer_takes_its_time_and_comes_to_the_same_end() -> None:
     swift, slow = run(), run(Fault("slow", 0.0, 80.0, "explorer-1", 3.0))
     assert violations(slow) == []

@@ -88,7 +88,11 @@ class Play(Fates):
             self.ending = "nobody left"
 
     def _joiner(self, name: str) -> Callable[[], None]:
-        return lambda: self.bring_up([name])
+        def act() -> None:
+            if name not in self._news:  # of two restarts the shorter brings it back
+                self.bring_up([name])
+
+        return act
 
     def _plan_event(self, event: Event) -> None:
         holds = event.kind in ("resume", "restart", "join", "link")
