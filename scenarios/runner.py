@@ -65,7 +65,12 @@ class RobotFaultError(Exception):
 
     def __init__(self, name: str, trace: str) -> None:
         """Name the robot, and keep its traceback."""
-        super().__init__(f"{name}'s program failed:\n{trace}")
+        super().__init__(name, trace)  # both, or it can't travel between processes
+        self.name, self.trace = name, trace
+
+    def __str__(self) -> str:
+        """Say whose program failed, and where."""
+        return f"{self.name}'s program failed:\n{self.trace}"
 
 
 @dataclass(frozen=True)

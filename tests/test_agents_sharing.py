@@ -37,10 +37,10 @@ from agents.messages import (
 )
 from agents.settings import SharingSettings
 from agents.sharing import Free, Heard, Mark
-from agents.sharing.beliefs import GUARD_S
+from agents.sharing.beliefs import GUARD_S, KEPT_VERSIONS, Believed, Stretch
 from agents.sharing.repair import DEAF_FRAMES, Repair
 from agents.sharing.reports import Acks, Report, unpack_report
-from agents.store import AnchorKey, Chunk, Origin, Store, TileKey
+from agents.store import AnchorKey, Chunk, Origin, Store, TileKey, Version
 from comms.frames import Kind
 
 quick = settings(max_examples=12, deadline=None)
@@ -585,6 +585,19 @@ def test_who_relays_a_map_knows_its_levels_and_tells_coarse_things_first() -> No
     assert max(levels) > 1, "the payloads of this test have levels"
     for key in told:
         assert relay.sharing._steps[key].ends == origin.sharing._steps[key].ends
+
+
+def test_many_versions_begun_do_not_make_one_forget_what_was_told_whole() -> None:
+    believed, key = Believed(), TileKey(0, 0, 0, 1)
+    believed.has(Stretch(key, 1, 26, 0, 26))
+    for number in range(2, 9):
+        believed.has(Stretch(key, number, 90, 0, 40))
+    whole = Version(1, 26, bytearray(26), [(0, 26)])
+    assert believed.prefix_of(key, whole) == 26
+    assert all(believed.prefix_of(key, Version(n, 90, bytearray(90))) == 40 for n in range(2, 9))
+    believed.has(Stretch(key, 8, 90, 40, 90))
+    believed.has(Stretch(key, 9, 90, 0, 40))
+    assert len(believed.tiles[key]) <= KEPT_VERSIONS + 1, "older ones are of no use any more"
 
 
 # --- who does not hear ----------------------------------------------------------------------

@@ -20,6 +20,7 @@ from scenarios.experiments import EXPERIMENTS, frame
 from scenarios.experiments.frame import Claim, Experiment, Findings, Options
 from scenarios.experiments.tables import Row, Table, as_csv, as_text, estimate, rows_csv
 from scenarios.records import folder
+from scenarios.runner import RobotFaultError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -228,3 +229,8 @@ def test_tables_as_text_and_as_csv() -> None:
 def test_rows_of_different_kinds_share_a_file() -> None:
     text = rows_csv([{"a": 1}, {"b": "x, y", "a": 2}])
     assert text == 'a,b\n1,\n2,"x, y"\n'
+
+
+def test_a_fault_of_a_robot_travels_from_a_worker_process() -> None:
+    fault = pickle.loads(pickle.dumps(RobotFaultError("recon", "ValueError: byte")))
+    assert str(fault) == "recon's program failed:\nValueError: byte"

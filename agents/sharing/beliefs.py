@@ -10,7 +10,8 @@ from agents.store import AnchorKey, Chunk, TileKey, Version
 GUARD_S = 5.0
 """What was sent less than this before a report came may have crossed it on the air."""
 KEPT_VERSIONS = 3
-"""Versions of a tile that are remembered: the newest may turn out not to have been heard."""
+"""Versions of a tile that are remembered at least, and all since the newest whole one: that may turn
+out not to have been heard."""
 
 
 class HasBits(Protocol):
@@ -163,5 +164,8 @@ def _about(beliefs: list[_Belief], version: int) -> _Belief:
     beliefs.append(belief)
     if len(beliefs) > 1:
         beliefs.sort(key=lambda b: b.version)
-        del beliefs[:-KEPT_VERSIONS]
+        # As in a store, none goes that no whole one stands for: it would be sent anew for ever.
+        whole = max((b.version for b in beliefs if b.prefix_bytes < 0), default=-1)
+        floor = min(whole, beliefs[-KEPT_VERSIONS].version) if len(beliefs) > KEPT_VERSIONS else -1
+        beliefs[:] = [b for b in beliefs if b.version >= floor]
     return belief

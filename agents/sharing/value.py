@@ -199,11 +199,10 @@ class Value(Policy):
                     refused[key] = error
                     del self._offers[key]
                 continue
-            begun = chunks[-1] if chunks and chunks[-1].key == key else None
             chunk = self._chunk(key, room - CHUNK_HEADER_BYTES)
             room -= len(chunk.data)
-            if begun is not None and begun.version == chunk.version:
-                chunks[-1] = replace(begun, data=begun.data + chunk.data)
+            if chunks and _goes_on(chunks[-1], chunk):
+                chunks[-1] = replace(chunks[-1], data=chunks[-1].data + chunk.data)
             else:
                 chunks.append(chunk)
                 room -= CHUNK_HEADER_BYTES
@@ -360,6 +359,12 @@ class Value(Policy):
         tiles = [team.kind.decode(data[:end], shape) for end in ends]
         bits = [0.0 if tile is None else team.kind.bits(tile) for tile in tiles]
         return Steps(tuple(ends), tuple(bits), len(data))
+
+
+def _goes_on(begun: Chunk, chunk: Chunk) -> bool:
+    """Say whether a chunk begins where another ends."""
+    end = begun.offset + len(begun.data)
+    return (begun.key, begun.version, end) == (chunk.key, chunk.version, chunk.offset)
 
 
 class LatestFirst(Value):
