@@ -10,8 +10,8 @@ from agents.store import AnchorKey, Chunk, TileKey, Version
 GUARD_S = 5.0
 """What was sent less than this before a report came may have crossed it on the air."""
 KEPT_VERSIONS = 3
-"""Versions of a tile that are remembered at least, and all since the newest whole one: that may turn
-out not to have been heard."""
+"""Versions of a tile that are remembered at least, and all since the newest whole one: that one may
+turn out not to have been heard."""
 
 
 class HasBits(Protocol):

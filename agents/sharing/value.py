@@ -201,11 +201,12 @@ class Value(Policy):
                 continue
             chunk = self._chunk(key, room - CHUNK_HEADER_BYTES)
             room -= len(chunk.data)
-            if chunks and _goes_on(chunks[-1], chunk):
-                chunks[-1] = replace(chunks[-1], data=chunks[-1].data + chunk.data)
-            else:
+            begun = next((i for i, c in enumerate(chunks) if _goes_on(c, chunk)), None)
+            if begun is None:
                 chunks.append(chunk)
                 room -= CHUNK_HEADER_BYTES
+            else:
+                chunks[begun] = replace(chunks[begun], data=chunks[begun].data + chunk.data)
             self.repair.goes_out(stretch_of(chunk), free.now_s)
             self._stale.add(key)
         self._stale.update(refused)
