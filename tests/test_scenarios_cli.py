@@ -1,5 +1,6 @@
 import os
 import re
+import signal
 import subprocess
 import sys
 import time
@@ -141,7 +142,12 @@ def test_a_ctrl_c_that_falls_into_a_destructor_counts(
 
     last = [Last()]
     monkeypatch.setattr(runner, "run", run)
-    assert exit_code("run", "cliff") == 130
+    # Tests that a shell runs in the background ignore Ctrl-C from the start.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        assert exit_code("run", "cliff") == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert capsys.readouterr().err == "interrupted\n"
 
 
