@@ -301,6 +301,14 @@ def test_a_bug_that_is_put_in_is_found(bug: Bug, faults: list[Fault], invariant:
     assert broken(run(*faults)) == set()
 
 
+def test_a_life_that_never_reached_its_disk_may_lose_its_cells() -> None:
+    """Seed 201900: full from before it joined; its second life finds nothing, and says nothing."""
+    disk = Fault("disk", 19.939, 70.061, "explorer-1")
+    late = Fault("late", 33.008, 0.0, "explorer-1")
+    restart = Fault("restart", 72.156, 6.069, "explorer-1")
+    assert broken(run(disk, late, restart, seed=201900)) == set()
+
+
 def test_a_drum_that_runs_without_a_command_is_found() -> None:
     sound = run(name="cliff", seed=3)
     drums = [s for segments in sound.tethers.values() for s in segments]

@@ -57,7 +57,7 @@ def no_cell_lost(evidence: Evidence) -> list[str]:
         births_s = _births_s(evidence, name)
         careless = _careless(evidence, name)
         for before, row in pairwise(rows):
-            reborn = any(before.t_s < birth_s <= row.t_s for birth_s in births_s)
+            reborn = any(before.t_s < birth_s <= row.t_s + 1e-6 for birth_s in births_s)
             # What a full disk refused, or a slow computer had not written yet, is told as such.
             had = before.team_cells
             if reborn:
@@ -269,14 +269,23 @@ def _map_rows(evidence: Evidence) -> dict[str, list[MapRow]]:
 
 
 def _births_s(evidence: Evidence, name: str) -> list[float]:
-    """Return when a robot's later lives began, by its own word."""
-    return [
+    """Return when a robot's later lives began: by its own word, and by what was planned.
+
+    A life that finds nothing on its disk says no word of a former one.
+    """
+    told_s = [
         event.t_s
         for event in evidence.records.events
         if event.robot == name
         and event.what == "restart"
         and event.detail.startswith("incarnation")
     ]
+    planned_s = [
+        event.at_s + event.after_s
+        for event in evidence.scenario.events
+        if event.kind == "restart" and event.target == name and event.after_s is not None
+    ]
+    return sorted({*told_s, *planned_s})
 
 
 def _seen(evidence: Evidence, name: str, from_s: float, to_s: float) -> int:
