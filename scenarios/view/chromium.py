@@ -169,9 +169,11 @@ async def browser(program: str) -> AsyncGenerator[Tab]:
             socket = await websocket_connect(url, max_message_size=_MOST_BYTES)
             tab = Tab(socket)
             listening = asyncio.create_task(tab.listen())
-            yield tab
-            socket.close()
-            await listening
+            try:
+                yield tab
+            finally:
+                socket.close()
+                await listening
         finally:
             process.terminate()
             try:
