@@ -56,10 +56,11 @@ class TeamMap(Generic[S, E]):
 
     def _draw(self) -> None:
         """Draw all tiles whose payload grew."""
+        heard: dict[AnchorKey, list[int]] = {}
         for key in sorted(self._undrawn):
             anchor_key = AnchorKey(*key[:3])
-            if key.origin != self.me:  # of its own it has the whole
-                self._lies_anew(anchor_key, [key.tile])
+            if key[:2] != self.me:  # of its own it has the whole
+                heard.setdefault(anchor_key, []).append(key.tile)
             tile = self.tile_estimate(key)
             cells = int(tile.known.sum())
             if cells or key.tile in self._drawn.get(anchor_key, {}):
@@ -70,6 +71,8 @@ class TeamMap(Generic[S, E]):
                 for near in (key.tile, *self.grid.beside(key.tile)):
                     stamps[near] = stamps.get(near, 0) + 1
         self._undrawn.clear()
+        for anchor_key, tiles in heard.items():
+            self._lies_anew(anchor_key, tiles)
 
     def anchor_changed(self, key: AnchorKey) -> None:
         """Note that a submap has an anchor now, or another one."""

@@ -112,7 +112,15 @@ class TileGrid:
 
     def beside(self, tile: int) -> tuple[int, ...]:
         """Return the tiles of the region that share an edge, or in space a face, with a tile."""
-        return tuple(other for other in self.sides(tile) if other is not None)
+        known = self._beside.get(tile)
+        if known is None:
+            near = (other for other in self.sides(tile) if other is not None)
+            known = self._beside[tile] = tuple(near)
+        return known
+
+    @cached_property
+    def _beside(self) -> dict[int, tuple[int, ...]]:
+        return {}
 
     def sides(self, tile: int) -> tuple[int | None, ...]:
         """Return the tiles before and behind a tile along each axis; None: not in the region."""
