@@ -146,7 +146,7 @@ def test_the_summary_has_exactly_the_keys_that_studies_read() -> None:
     }
     assert set(found["team"]) == {
         *("observable_cells", "mapped_cells", "coverage", "elevation_rmse_m"),
-        *("elevation_error_p95_m", "maps_equal"),
+        *("elevation_error_p95_m", "within_3_sigma", "maps_equal"),
     }
     head = {key: found[key] for key in ("schema", "scenario", "seed", "clock")}
     assert head == {"schema": 1, "scenario": "cliff", "seed": 1, "clock": "virtual"}

@@ -14,7 +14,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from agents.geometry import Bools, Floats, Singles
+from agents.geometry import Bools, Singles
 from agents.layers import Anchor
 from agents.store import AnchorKey
 from scenarios.records.tables import Records, write_atomic
