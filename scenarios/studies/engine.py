@@ -5,7 +5,6 @@ Nothing here queues, schedules or restarts: that is Dask's. A trial that raises 
 """
 
 import contextlib
-import importlib
 import logging
 import os
 import signal
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from comms import kernels
+from scenarios.compiling import compile_kernels
 from scenarios.errors import UsageError
 from scenarios.studies.study import Trial
 from scenarios.studies.trial import Told, measure
@@ -70,8 +70,7 @@ def on_dask(jobs: int | None = None, scheduler: str = "") -> Engine:
 def _compile() -> None:
     """Compile the kernels once, where that was never done, before all workers do it at a time."""
     if not kernels.is_warm():
-        importlib.import_module("scenarios.preload")
-        kernels.mark_warm()
+        compile_kernels()
 
 
 def _run(
