@@ -129,15 +129,31 @@ def _client(workers: int, scheduler: str) -> Generator["Client"]:
     with (
         tempfile.TemporaryDirectory(prefix="ropeteam-dask-") as scratch,
         config.set(_settings()),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            host=LOCAL,
-            dashboard_address=f"{LOCAL}:0",
-            worker_dashboard_address=f"{LOCAL}:0",
-            local_directory=scratch,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
+        contextlib.ExitStack() as stack,
     ):
-        yield client
+        with _ctrl_c_waits():
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    host=LOCAL,
+                    dashboard_address=f"{LOCAL}:0",
+                    worker_dashboard_address=f"{LOCAL}:0",
+                    local_directory=scratch,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        yield stack.enter_context(Client(cluster))
+
+
+@contextlib.contextmanager
+def _ctrl_c_waits() -> Generator[None]:
+    """Have a Ctrl-C wait for the end of the block.
+
+    A cluster of Dask's that is interrupted while it starts can't be closed in order.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
