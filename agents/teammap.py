@@ -75,8 +75,7 @@ class TeamMap(Generic[S, E]):
             self._lies_anew(anchor_key, tiles)
 
     def anchor_changed(self, key: AnchorKey) -> None:
-        """Note that a submap has an anchor now, or another one."""
-        self._draw()
+        """Note that a submap has an anchor now, or another one; what is undrawn is so anyhow."""
         self._lies_anew(key, list(self._drawn.get(key, {})))
 
     def _lies_anew(self, key: AnchorKey, tiles: list[int]) -> None:

@@ -4,7 +4,8 @@
 
 Simulates whole fleets in one process (`scenarios.fleet`), and prints for the second half of the
 time: bytes per robot and minute by kind of frame, digest length, how many team-mates count, tiles
-and payload bytes in a robot's store, tiles that it remembers of others' stores, and this process's
+and payload bytes in a robot's store, different parts of tiles that it
+remembers as what others have, and this process's
 memory per robot. `--no-horizon`: everything is for everybody, as in small teams.
 """
 
@@ -19,7 +20,7 @@ from scenarios.fleet import Fleet, FleetSettings, account
 KINDS = ("map", "anchor", "digest", "status")
 COLUMNS = (
     "robots", "looks", "B_per_min", *(f"{kind}_B" for kind in KINDS), "digest_len", "mates",
-    "tiles", "store_kB", "beliefs", "MB_each", "cells_k", "wall_s",
+    "tiles", "store_kB", "parts", "MB_each", "cells_k", "cpu_s",
 )  # fmt: skip
 
 
@@ -28,7 +29,7 @@ def memory_mb() -> float:
 
 
 def one(robots: int, until_s: float, horizon_m: float | None) -> None:
-    before_mb, started_s = memory_mb(), time.perf_counter()
+    before_mb, started_s = memory_mb(), time.process_time()
     region_m = None if horizon_m is None else FleetSettings(1).region_m
     fleet = Fleet(FleetSettings(robots, horizon_m=horizon_m, region_m=region_m))
     found = account(fleet, until_s / 2, until_s)
@@ -44,7 +45,7 @@ def one(robots: int, until_s: float, horizon_m: float | None) -> None:
         found.beliefs,
         (memory_mb() - before_mb) / robots,
         fleet.frame.rows * fleet.frame.cols / 1e3,
-        time.perf_counter() - started_s,
+        time.process_time() - started_s,
     )
     print(" ".join(f"{value:10.4g}" for value in row), flush=True)
     fleet.close()

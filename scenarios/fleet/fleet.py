@@ -12,6 +12,7 @@ import numpy as np
 from agents.briefing import AgentSettings
 from agents.disk import Disk
 from agents.geometry import GridFrame, Pose
+from agents.recall import RECALL
 from agents.robot import Robot
 from agents.roles import explore
 from agents.settings import PlannerSettings, SharingSettings, TetherSettings
@@ -32,6 +33,8 @@ from sim.stereo.settings import LightSettings
 KEY = b"a fleet's own key"
 EVERYBODY = "everybody"
 """Stands in a packet for all who can hear it."""
+PICTURES = 4096
+"""Decoded tiles that are kept for all: those who hear a frame decode it at about the same time."""
 STAGGER_S = 30.0
 """Robots begin within so long: they are not switched on by one hand."""
 
@@ -52,6 +55,7 @@ class Fleet:
     def __init__(self, settings: FleetSettings) -> None:
         """Put all robots together; nothing runs yet."""
         self.settings = settings
+        RECALL.keep(PICTURES)
         self.loop = VirtualLoop(settings.robots)  # its own timers come behind packets
         side = math.ceil(math.sqrt(settings.robots))
         cells = math.ceil(settings.spacing_m * side / settings.map.cell_m)
@@ -88,6 +92,7 @@ class Fleet:
             task.cancel()
         self.loop.run_until_complete(asyncio.gather(*tasks, return_exceptions=True))
         self.loop.close()
+        RECALL.keep(0)
 
     def _add(self, name: str, x_m: float, y_m: float) -> None:
         settings, number = self.settings, self.index[name]
