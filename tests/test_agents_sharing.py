@@ -581,10 +581,12 @@ def test_who_relays_a_map_knows_its_levels_and_tells_coarse_things_first() -> No
     gossip = Gossip({1: relay, 2: Mind(2, 3)}, payload_bytes=52)
     gossip.run_until_equal()
     told = [(chunk.key, chunk.version) for chunk in gossip.chunks(sender=1)]
-    levels = {len(relay.sharing._steps[key].ends) for key in told}
+    levels: set[int] = set()
+    steps = [(mind.sharing._steps[k][v].ends for k, v in told) for mind in (relay, origin)]
+    for by_relay, by_origin in zip(*steps, strict=True):
+        assert by_relay == by_origin
+        levels.add(len(by_relay))
     assert max(levels) > 1, "the payloads of this test have levels"
-    for key in told:
-        assert relay.sharing._steps[key].ends == origin.sharing._steps[key].ends
 
 
 def test_many_versions_begun_do_not_make_one_forget_what_was_told_whole() -> None:

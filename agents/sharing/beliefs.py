@@ -86,13 +86,14 @@ def prefix_of(part: Part, version: Version) -> int:
     return 0
 
 
-def bits_of(
-    part: Part, key: TileKey, version: Version, steps: Mapping[tuple[TileKey, int], HasBits]
-) -> float:
-    """Return the information that one has of a tile, by its best version up to this one."""
+def bits_of(part: Part, version: Version, steps: Mapping[int, HasBits]) -> float:
+    """Return the information that one has of a tile, by its best version up to this one.
+
+    `steps` is what each version of the tile is worth, as far as that is known.
+    """
     best = 0.0
     for had in part:
-        known = steps.get((key, had.version))
+        known = steps.get(had.version)
         if known is not None and had.version <= version.number:
             prefix = 1 << 30 if had.prefix_bytes == WHOLE else had.prefix_bytes
             best = max(best, known.bits_at(prefix))

@@ -27,6 +27,9 @@ ANOTHERS_TURN = 1 / 8
 """
 TURN_S = 5.0
 """So long nobody else sends what a team-mate could send as well, and whose turn it is."""
+KEPT_STEPS = 32
+"""Of so many versions of a tile it is remembered what they are worth: a robot that comes back may
+have an old one."""
 FRESH = -1
 """Stands for the version that is to be published next; those heard are numbered from 0."""
 
@@ -87,7 +90,8 @@ class Value(Policy):
         self.least_density = desk.team.kind.least_bits_per_byte
         self.repair = Repair(desk.settings, desk.me, desk.team_size, desk.store, tiles)
         self.published: dict[TileKey, Published] = {}
-        self._steps: dict[tuple[TileKey, int], Steps] = {}
+        self._steps: dict[TileKey, dict[int, Steps]] = {}
+        """By tile and version."""
         self._offers: dict[TileKey, Offer] = {}
         self._stale: set[TileKey] = set()
         self._now_s = 0.0
@@ -311,7 +315,8 @@ class Value(Policy):
 
         Sums of floats depend on it, and so would what is sent.
         """
-        bits = [bits_of(part, key, version, self._steps) for part, _ in heard]
+        steps = self._steps.get(key, {})
+        bits = [bits_of(part, version, steps) for part, _ in heard]
         if len(heard) == 1:
             return bits * heard[0][1].bit_count()
         each = zip(bits, heard, strict=True)
@@ -338,7 +343,8 @@ class Value(Policy):
     def _publish(self, key: TileKey) -> None:
         chunk, encoded = self.publish(key)
         self.repair.changed(key, -1e9)
-        self._steps[key, chunk.version] = self._worth(key, encoded.data, encoded.level_ends)
+        steps = self._worth(key, encoded.data, encoded.level_ends)
+        self._keep_steps(key, chunk.version, steps)
         # The gain is counted against what was published, not against what is worth sending of it.
         bits, _ = self._own_offer(key)
         self.published[key] = Published(bits, len(encoded.data))
@@ -346,11 +352,17 @@ class Value(Policy):
 
     def _steps_of(self, key: TileKey, version: Version) -> Steps:
         """Return what a version is worth level by level."""
-        known = self._steps.get((key, version.number))
+        known = self._steps.get(key, {}).get(version.number)
         if known is None or known.known_bytes < version.prefix_bytes:
             known = self._worth(key, version.prefix, self._level_ends(key, version.prefix))
-            self._steps[key, version.number] = known
+            self._keep_steps(key, version.number, known)
         return known
+
+    def _keep_steps(self, key: TileKey, version: int, steps: Steps) -> None:
+        kept = self._steps.setdefault(key, {})
+        kept[version] = steps
+        if len(kept) > KEPT_STEPS:
+            del kept[min(kept)]
 
     def _level_ends(self, key: TileKey, data: bytes) -> tuple[int, ...]:
         """Return where the levels of a payload end that another robot wrote, by trying prefixes."""
