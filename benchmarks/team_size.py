@@ -4,10 +4,12 @@
                                    [--air memory] [-- --set key=value ...]
 
 Runs the scenario `open` (explorers at 0.05 m/s that share over 9600 bps) with each number of
-robots, each run for so many robot-seconds, and prints simulated seconds per wall second and per
-CPU second, how long it took until all processes were up, the memory that each robot's process
-shares with no other, duty of the links, and CPU per look and per frame heard. `--saturated` has
-every robot send without a pause, `--silent` nothing at all: the difference is what frames cost.
+robots, each run for so many robot-seconds, and prints simulated seconds per wall second (from the
+first instant until all robots have ended: starting them and drawing pictures are not counted) and
+per CPU second (the runner's whole time counts there), how long it took until all processes were
+up, the memory that each robot's process shares with no other, duty of the links, and CPU per look
+and per frame heard. `--saturated` has every robot send without a pause, `--silent` nothing at all:
+the difference is what frames cost.
 """
 
 import argparse
@@ -44,11 +46,10 @@ def one_run(robots: int, limit_s: float, options: list[str]) -> dict[str, float]
     runner_cpu_s = host["processes"]["runner"]["cpu_s"]
     looks = sum(robot["looks"] for robot in team)
     heard = sum(robot["received_frames"] for robot in team)
-    running_s = host["wall_s"] - host["startup_s"]
     return {
         "robots": robots,
         "simulated_s": summary["simulated_s"],
-        "x_wall": summary["simulated_s"] / running_s,
+        "x_wall": summary["simulated_s"] / host["played_s"],
         "x_cpu": summary["simulated_s"] / (robots_cpu_s + runner_cpu_s),
         "up_s": host["launch_s"],
         "unique_mb": max(cost.get("unique_memory_bytes", 0) for cost in costs) / MEBI,

@@ -132,6 +132,7 @@ def run(scenario: Scenario, out: Path, options: RunOptions = PLAIN, **changes: A
                 if options.page is not None:
                     options.page.begin(play, title)
                 play.play()
+                play.over_s = time.perf_counter()
         result = _write_up(play, view, started_s + compile_s, compile_s, options)
     if options.merge:
         _merge(out, view)
@@ -210,6 +211,7 @@ def _write_up(
         grants=play.grants,
         processes=costs,
         launch_s=play.launch_s,
+        played_s=play.over_s - play.first_grant_s,
     )
     write_json(out / "host.json", {**host_facts(host), **play.final_facts_of_clock()})
     if play.reel is not None:

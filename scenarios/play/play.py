@@ -40,6 +40,8 @@ class Play(Fates):
         self.agenda = Agenda()
         self.first_grant_s = 0.0
         """Performance counter when the robots were let go."""
+        self.over_s = 0.0
+        """Performance counter when all robots had ended."""
         self.launch_s = 0.0
         """Wall seconds from the order to start the first robots until all were up."""
         self.grants = 0

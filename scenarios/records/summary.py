@@ -265,6 +265,8 @@ class HostCost:
     """By robot, and "runner"."""
     launch_s: float = 0.0
     """From the order to start the first robots until all were up."""
+    played_s: float = 0.0
+    """From the first granted instant until all robots had ended; drawing and writing come after."""
 
 
 def host_facts(cost: HostCost) -> dict[str, Any]:
@@ -275,6 +277,7 @@ def host_facts(cost: HostCost) -> dict[str, Any]:
         "compile_s": cost.compile_s,
         "startup_s": cost.startup_s,
         "launch_s": cost.launch_s,
+        "played_s": cost.played_s,
         "grants": cost.grants,
         "processes": {
             name: {key: value for key, value in asdict(one).items() if value is not None}
