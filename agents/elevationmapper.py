@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from agents.maps.elevation import relief_sigma_m
 from agents.maps.elevationlook import bin_look
 from agents.planning.information import Interest
 from agents.planning.strategies import View, strategy
+from agents.planning.waydown import Descent, open_questions
 from agents.ports import Exposure
 from agents.pose.localising import is_located
 
@@ -33,6 +35,8 @@ class ElevationMapper:
         self.strategy = strategy(self.settings.method)
         self.interest = Interest(self.settings.frame.shape, self.settings.planner.beta)
         self.barred: tuple[tuple[float, float, float], ...] = ()
+        self.asked = np.zeros(self.settings.frame.shape)
+        """For how many looks a cell kept a team-mate's way down from being safe."""
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
@@ -105,9 +109,24 @@ class ElevationMapper:
             trail_m=np.array(robot.trail),
         )
 
+    def _down(self) -> Descent | None:
+        """Return who waits to go down, or is on the way, as far as was heard."""
+        robot, goal_m = self.robot, self.settings.goal_m
+        for index, mate in sorted(robot.mates.items()):
+            waits = self.settings.roles[index] == "cliffbot" and mate.status.claim is not None
+            if waits and goal_m is not None and is_located(mate):
+                return Descent(mate.status.pose, goal_m, self.asked)
+        return None
+
     async def choose(self) -> NextLook | None:
         """Choose the next look (Eq. 23)."""
-        plan = await asyncio.to_thread(self.strategy.choose, self.view(), self.robot.rng)
+        view, down = self.view(), self._down()
+        if down is not None:
+            ground = (view.frame, view.drive, view.elevation_m, view.sigma_m)
+            questions = await asyncio.to_thread(open_questions, *ground, down)
+            self.asked += questions
+            view = replace(view, questions=questions)
+        plan = await asyncio.to_thread(self.strategy.choose, view, self.robot.rng)
         if plan is None:
             return None
         heading_rad = plan.heading_rad

@@ -20,6 +20,8 @@ CLAIMED = 0.3
 """What a cell is still worth that a team-mate said it will look at."""
 WISHED = 3.0
 """How much more a cell is worth on ground that a team-mate waits to know."""
+ASKED = 12.0
+"""How much more it is worth where it keeps a team-mate's most hopeful way from being safe."""
 SHARP = 0.25
 """Wished ground is known well enough when its sigma is this share of a wheel."""
 NEAR_COST = 4.0
@@ -55,6 +57,8 @@ class View:
     """(x, y, radius) of ground that a team-mate waits to know."""
     barred: tuple[tuple[float, float, float], ...] = ()
     """(x, y, radius) of ground on which the wheels came to a halt, whatever the map shows there."""
+    questions: Bools | None = None
+    """(H, W) what keeps a team-mate's most hopeful way down from being safe."""
     trail_m: Floats | None = None
     """(N, 2) where the robot has been: it can always go back the way it came."""
 
@@ -153,6 +157,8 @@ class Scene:
             blurred = wished & (self.sigma_m > SHARP * view.drive.wheel_m)
             worth[blurred] = view.interest[blurred]
             worth[wished] *= WISHED
+        if view.questions is not None:
+            worth[view.questions] = ASKED * view.interest[view.questions]
         for mate in view.others:
             worth[self._within(mate.x_m, mate.y_m, 0.5 * view.drive.footprint_m)] = 0.0
         return worth
