@@ -95,16 +95,23 @@ def test_a_rock_that_was_seen_sharply_is_not_asked_again() -> None:
     assert hope.rock.any()
 
 
-def test_ground_under_the_wheels_is_known_by_them() -> None:
-    hole = np.zeros(SHAPE)
-    hole[48:53, 18:23] = np.nan
-    elevation_m, sigma_m = with_stand(
-        FRAME, DRIVE, hole, np.full(SHAPE, np.inf), replace(STAND, z_m=0.3)
-    )
-    row, col = FRAME.cell_of(STAND.x_m, STAND.y_m)
-    assert elevation_m[row, col] == pytest.approx(0.3)
-    assert sigma_m[row, col] == pytest.approx(0.25 * DRIVE.wheel_m)
-    assert np.isnan(hole[row, col])
+def test_ground_under_the_wheels_goes_on_as_that_about_them() -> None:
+    slope = np.tile(0.5 * CELL_M * np.arange(SHAPE[0])[:, None], (1, SHAPE[1]))
+    hole = slope.copy()
+    hole[47:53, 17:23] = np.nan
+    elevation_m, sigma_m = with_stand(FRAME, DRIVE, hole, np.full(SHAPE, np.inf), STAND)
+    filled = np.isnan(hole) & ~np.isnan(elevation_m)
+    assert filled.sum() > 20
+    assert np.abs(elevation_m - slope)[filled].max() < 0.01
+    assert sigma_m[FRAME.cell_of(4.0, 10.0)] == pytest.approx(0.25 * DRIVE.wheel_m)
+    assert np.isnan(hole[50, 20])  # what was given is left as it was
+
+
+def test_where_nothing_is_known_wheels_tell_their_own_height() -> None:
+    nothing = np.full(SHAPE, np.nan)
+    stand = replace(STAND, z_m=0.3)
+    elevation_m, _ = with_stand(FRAME, DRIVE, nothing, np.full(SHAPE, np.inf), stand)
+    assert np.nanmax(elevation_m) == np.nanmin(elevation_m) == pytest.approx(0.3)
 
 
 @settings(max_examples=25, deadline=None)

@@ -22,6 +22,8 @@ STAND_M = 0.25
 """It stands where it stands, so one can stand there, and so far about it."""
 STAND_COST = 10.0
 """Cost of a metre at its own stand, where the map would forbid it."""
+ROOMS_M = (2.0 * surface.CLEARANCE_M, surface.CLEARANCE_M)
+"""Room that it leaves to hazards besides its own circle: the more, if there is such a way."""
 ASKING = 4.0
 """By how much a metre costs more that nobody has seen, or not sharply, in a hopeful plan."""
 SHARP = 0.25
@@ -90,8 +92,11 @@ def safe_path(
     elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, stand)
     if not _may_lead(frame, drive, ~np.isnan(elevation_m), stand_m, goal_m):
         return None
-    cost = descent.descent_cost(elevation_m, sigma_m, **_sizes(frame, drive))
-    return _way(frame, cost, stand_m, goal_m)
+    for room_m in ROOMS_M:
+        cost = descent.descent_cost(elevation_m, sigma_m, **_sizes(frame, drive, room_m))
+        if (path_m := _way(frame, cost, stand_m, goal_m)) is not None:
+            return path_m
+    return None
 
 
 def hopeful(
@@ -138,14 +143,27 @@ def open_questions(
 def with_stand(
     frame: GridFrame, drive: DriveSettings, elevation_m: Floats, sigma_m: Floats, stand: Pose
 ) -> tuple[Floats, Floats]:
-    """Return elevation and sigma with the ground under a robot's wheels known, by its wheels.
+    """Return elevation and sigma with the ground under a robot's wheels known.
 
-    No camera sees the ground that a robot stands on.
+    No camera sees the ground that a robot stands on, but it stands there. Its height is completed
+    from the ground about it: one height for all of it would be a terrace on a slope, with a step
+    all round that no wheel may take. Where nothing is known about it, it is the robot's own.
     """
-    elevation_m, sigma_m = elevation_m.copy(), sigma_m.copy()
     under = within(frame, (stand.x_m, stand.y_m), 0.75 * drive.footprint_m)
     unseen = under & np.isnan(elevation_m)
-    elevation_m[unseen] = stand.z_m
+    if not unseen.any():
+        return elevation_m, sigma_m
+    elevation_m, sigma_m = elevation_m.copy(), sigma_m.copy()
+    rows, cols = np.nonzero(under)
+    margin = math.ceil(0.5 * drive.footprint_m / frame.cell_m)
+    window = (
+        slice(max(0, int(rows.min()) - margin), int(rows.max()) + margin + 1),
+        slice(max(0, int(cols.min()) - margin), int(cols.max()) + margin + 1),
+    )
+    about = elevation_m[window]
+    known = not np.isnan(about).all()
+    whole = markov.complete(about) if known else np.full(about.shape, stand.z_m)
+    elevation_m[window] = np.where(unseen[window], whole, about)
     sigma_m[unseen] = 0.25 * drive.wheel_m
     return elevation_m, sigma_m
 
@@ -162,8 +180,10 @@ def distance_to(frame: GridFrame, point_m: Point) -> Floats:
     return np.hypot(x_m[None], y_m[:, None])
 
 
-def _sizes(frame: GridFrame, drive: DriveSettings) -> dict[str, float]:
-    footprint_m = drive.footprint_m + 2 * surface.CLEARANCE_M
+def _sizes(
+    frame: GridFrame, drive: DriveSettings, room_m: float = surface.CLEARANCE_M
+) -> dict[str, float]:
+    footprint_m = drive.footprint_m + 2 * room_m
     return {"cell_m": frame.cell_m, "footprint_m": footprint_m, "wheel_m": drive.wheel_m}
 
 
