@@ -21,6 +21,8 @@ SURE = 0.5
 LOW = 0.8
 """On tethers, what stands out by this share of a wheel is a rock, though it might be noise, if two
 by two cells show it (after a mean, `surface.CALM_ROCK` of it); a single cell by a whole wheel."""
+SHARPER = 0.35
+"""As `SURE`, for who still hopes for a better map."""
 
 
 class Barred(NamedTuple):
@@ -42,7 +44,13 @@ class Barred(NamedTuple):
 
 
 def barred(
-    elevation_m: Floats, sigma_m: Floats, *, cell_m: float, footprint_m: float, wheel_m: float
+    elevation_m: Floats,
+    sigma_m: Floats,
+    *,
+    cell_m: float,
+    footprint_m: float,
+    wheel_m: float,
+    strict: bool = False,
 ) -> Barred:
     """Return what bars the way; arguments as of `descent_cost`. At least one cell is known."""
     known = ~np.isnan(elevation_m)
@@ -51,8 +59,11 @@ def barred(
     rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma)
     rock = rough.hazard | (rough.raw_m > wheel_m)
     rock |= rough.calm_m > surface.CALM_ROCK * LOW * wheel_m
+    if strict:
+        rock |= rough.likely
+        rock |= rough.raw_m + surface.RAW_APART * surface.COMPARED * sigma > wheel_m
     # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
-    blurred = known & (surface.mean_over(sigma, 3) > SURE * wheel_m)
+    blurred = known & (surface.mean_over(sigma, 3) > (SHARPER if strict else SURE) * wheel_m)
     unseen = markov.distance_to_known_m(known, cell_m) > wheel_m
     side = surface.odd_cells(footprint_m, cell_m)
     return Barred(rock, unseen, blurred, surface.mean_over(rough.doubt, side))
@@ -65,6 +76,7 @@ def descent_cost(
     cell_m: float,
     footprint_m: float,
     wheel_m: float,
+    strict: bool = False,
 ) -> Floats:
     """Return what a metre costs a robot on tethers (H, W): 1 on open ground, inf where it may not.
 
@@ -80,10 +92,19 @@ def descent_cost(
         cell_m: cell size.
         footprint_m: diameter of the circle that the robot covers.
         wheel_m: diameter of a wheel.
+        strict: bar also what stands out by `surface.LIKELY` of a wheel and may be noise, what is
+            a sigma less than a wheel high, and ground that is less sure than `SHARPER`.
     """
     if np.isnan(elevation_m).all():
         return np.full(elevation_m.shape, np.inf)
-    bars = barred(elevation_m, sigma_m, cell_m=cell_m, footprint_m=footprint_m, wheel_m=wheel_m)
+    bars = barred(
+        elevation_m,
+        sigma_m,
+        cell_m=cell_m,
+        footprint_m=footprint_m,
+        wheel_m=wheel_m,
+        strict=strict,
+    )
     return _with_clearance(bars.any, footprint_m, cell_m) + DOUBT_WEIGHT * bars.doubt
 
 

@@ -77,6 +77,8 @@ def safe_path(
     sigma_m: Floats,
     stand: Pose,
     goal_m: Point,
+    *,
+    strict: bool = False,
 ) -> Floats | None:
     """Return a way (N, 2) over known and safe ground from a stand to a goal, or None.
 
@@ -87,13 +89,15 @@ def safe_path(
         sigma_m: (H, W) of each cell against the ground next to it.
         stand: where it stands; what the map forbids there is allowed.
         goal_m: where it is to go; it is enough to come within `GOAL_M`.
+        strict: bar what may be a rock, too (`descent.descent_cost`): for who may still wait.
     """
     stand_m = (stand.x_m, stand.y_m)
     elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, stand)
     if not _may_lead(frame, drive, ~np.isnan(elevation_m), stand_m, goal_m):
         return None
     for room_m in ROOMS_M:
-        cost = descent.descent_cost(elevation_m, sigma_m, **_sizes(frame, drive, room_m))
+        sizes = _sizes(frame, drive, room_m)
+        cost = descent.descent_cost(elevation_m, sigma_m, **sizes, strict=strict)
         if (path_m := _way(frame, cost, stand_m, goal_m)) is not None:
             return path_m
     return None
@@ -109,7 +113,7 @@ def hopeful(
     elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, down.stand)
     sizes = _sizes(frame, drive)
     reach_m = 0.5 * sizes["footprint_m"]
-    bars = descent.barred(elevation_m, sigma_m, **sizes)
+    bars = descent.barred(elevation_m, sigma_m, **sizes, strict=True)
     unknown, rock = bars.unseen | bars.blurred, bars.rock & ~bars.unseen
 
     def beside(cells: Bools) -> Bools:
@@ -130,9 +134,12 @@ def hopeful(
 def open_questions(
     frame: GridFrame, drive: DriveSettings, elevation_m: Floats, sigma_m: Floats, down: Descent
 ) -> Bools:
-    """Return the cells (H, W) at which to look so that somebody may go down; none if it may now."""
+    """Return the cells (H, W) at which to look so that somebody may go down.
+
+    By the strict rule; none if it may by that.
+    """
     ground = (frame, drive, elevation_m, sigma_m)
-    if safe_path(*ground, down.stand, down.goal_m) is None:
+    if safe_path(*ground, down.stand, down.goal_m, strict=True) is None:
         hope = hopeful(*ground, down)
         if hope is not None:
             # A rock that was seen sharply is one.
