@@ -31,7 +31,7 @@ SEARCH_S = 60.0
 """A lost robot that saw nothing known looks round again after so long."""
 SEARCH_ROUNDS = 20
 """It looks round so often; then it waits to be seen."""
-HOLD_OUT_S = 3000.0
+HOLD_OUT_S = 2400.0
 """So long the Cliff-bot waits for a way by the strict rule, as long as somebody maps."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
