@@ -39,29 +39,29 @@ setup: $(VENV)/run.stamp
 
 # Kernels are compiled before the tests start, or each worker would compile them for itself.
 test: $(VENV)/test.stamp
-	@$(BIN)/python -m scenarios.preload
+	@$(BIN)/python -m scenarios.compiling
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow" $(ARGS)
 
 test-all: $(VENV)/test.stamp
-	@$(BIN)/python -m scenarios.preload
+	@$(BIN)/python -m scenarios.compiling
 	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal $(ARGS)
 
 commands: $(VENV)/test.stamp
-	@$(BIN)/python -m scenarios.preload
+	@$(BIN)/python -m scenarios.compiling
 	$(BIN)/python -m pytest -m "slow or not slow" tests/test_docs_commands.py $(ARGS)
 
 fuzz: $(VENV)/fuzz.stamp
 	$(BIN)/python fuzz/run.py --runs $(RUNS) $(ARGS)
 
 chaos: $(VENV)/run.stamp
-	@$(BIN)/python -m scenarios.preload
+	@$(BIN)/python -m scenarios.compiling
 	$(BIN)/ropeteam chaos pair --small --runs $$(($(CHAOS) / 2)) --jobs $(JOBS) \
 		--out runs/chaos-pair.json $(ARGS)
 	$(BIN)/ropeteam chaos cliff --small --runs $$(($(CHAOS) / 2)) --jobs $(JOBS) \
 		--out runs/chaos-cliff.json $(ARGS)
 
 soak: $(VENV)/run.stamp
-	@$(BIN)/python -m scenarios.preload
+	@$(BIN)/python -m scenarios.compiling
 	$(BIN)/ropeteam soak --hours $(HOURS) --out runs/soak.json $(ARGS)
 
 lint: $(VENV)/dev.stamp

@@ -48,8 +48,9 @@ def _source_digest() -> str:
 
 # Numba looks at a kernel's own file only, and would go on using one that calls into another file
 # after that has changed. So each version of the whole has a folder of its own.
-_folder = cache_dir() / f"kernels-{_source_digest()}"
-os.environ["NUMBA_CACHE_DIR"] = str(_folder)
+FOLDER = cache_dir() / f"kernels-{_source_digest()}"
+"""Where this very source's compiled kernels are kept."""
+os.environ["NUMBA_CACHE_DIR"] = str(FOLDER)
 
 import numba  # noqa: E402  (the cache folder has to be set before numba reads its configuration)
 
@@ -68,11 +69,16 @@ def warmer(function: Callable[[], None]) -> Callable[[], None]:
     return function
 
 
+def warm(which: slice) -> None:
+    """Call some of the registered warmers, in the order in which their modules were loaded."""
+    for one in _warmers[which]:
+        one()
+
+
 def warm_all() -> float:
     """Call every registered warmer; return the wall seconds that it took."""
     start = time.perf_counter()
-    for warm in _warmers:
-        warm()
+    warm(slice(None))
     return time.perf_counter() - start
 
 
@@ -83,19 +89,19 @@ def make_folder() -> None:
         OSError: it can't be written to.
 
     """
-    _folder.mkdir(parents=True, exist_ok=True)
-    (_folder / "writable").touch()
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    (FOLDER / "writable").touch()
 
 
 def is_warm() -> bool:
     """Say whether the kernels of this very source were compiled on this machine before."""
-    return (_folder / "warm").exists()
+    return (FOLDER / "warm").exists()
 
 
 def mark_warm() -> None:
     """Note that the kernels of this very source are compiled; drop those of long ago."""
     make_folder()
-    (_folder / "warm").touch()
+    (FOLDER / "warm").touch()
     others = sorted(cache_dir().glob("kernels-*"), key=lambda path: path.stat().st_mtime)
     for old in others[:-KEPT_CACHES]:
         shutil.rmtree(old, ignore_errors=True)

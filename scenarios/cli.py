@@ -4,6 +4,7 @@ Exit codes: 0 ended in order, whatever the outcome; 1 a fault of ours; 2 bad inp
 """
 
 import argparse
+import logging
 import os
 import signal
 import sys
@@ -61,6 +62,9 @@ COMMANDS = (
 )
 
 
+ROOMS = ("comms", "agents", "sim", "scenarios")
+
+
 class _Version(argparse.Action):
     """Looks the version up only when it is asked for."""
 
@@ -100,16 +104,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
+        # A robot's task that was cut short has nothing to add.
+        logging.getLogger("asyncio").disabled = True
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         # Whoever read our output has left (`ropeteam list | head`); nothing is to be said to it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
-    except Exception:
+    except Exception as error:
+        if lacking := _lacking(error):
+            print(lacking, file=sys.stderr)
+            return BAD_INPUT
         traceback.print_exc()
         print("ropeteam: this is a fault of the program, not of your input", file=sys.stderr)
         return FAULT
+
+
+def _lacking(error: Exception) -> str:
+    """Return what to say where a package that we need is not installed, else nothing."""
+    if not isinstance(error, ModuleNotFoundError) or error.name is None:
+        return ""
+    if error.name.partition(".")[0] in ROOMS:
+        return ""
+    return (
+        f"{error.name}: not installed for {sys.executable}; `make setup` makes a .venv that has all"
+        " that ropeteam needs"
+    )
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """Runs a scenario: sets the stage, starts the crew, lets the play run, writes the records."""
 
 import contextlib
-import importlib
 import signal
 import threading
 import time
@@ -14,11 +13,12 @@ import numpy as np
 
 from comms import kernels
 from comms.timebase import to_s
+from scenarios.compiling import compile_kernels
 from scenarios.crews.crew import Crew, MemoryCrew, cpu_s
 from scenarios.crews.processes import ZenohCrew, start_fork_server
 from scenarios.crews.realmemory import RealMemoryCrew
 from scenarios.crews.robotprocess import peak_bytes
-from scenarios.errors import FolderError, StudyError
+from scenarios.errors import StudyError
 from scenarios.live import LiveView
 from scenarios.pictures.overview import Overview, draw
 from scenarios.play.actor import conclude
@@ -234,15 +234,5 @@ def _compile(view: LiveView) -> float:
     """
     if kernels.is_warm():
         return 0.0
-    try:
-        kernels.make_folder()
-    except OSError as error:
-        raise FolderError(
-            f"{kernels.cache_dir()}: compiled kernels can't be kept there ({error.strerror}); name"
-            " a folder that can be written to: ROPETEAM_CACHE=DIR"
-        ) from error
     view.say("Compiling kernels: once on this machine, about a minute ...")
-    start_s = time.perf_counter()
-    importlib.import_module("scenarios.preload")  # it imports every kernel, and warms it
-    kernels.mark_warm()
-    return time.perf_counter() - start_s
+    return compile_kernels()

@@ -288,6 +288,14 @@ def test_random_takes_any_candidate_and_raster_goes_row_by_row() -> None:
     assert turns == [30 * n for n in range(12)]
 
 
+def test_a_raster_that_is_shut_in_looks_all_around() -> None:
+    log_odds = np.zeros_like(half_known())
+    log_odds[18:23, 8:13] = -3.0
+    raster, rng = Raster(MEANS), np.random.default_rng(3)
+    order = [raster.choose(view_of(log_odds, (20, 10)), rng) for _ in range(12)]
+    assert len({round(math.degrees(look.pose.yaw_rad)) for look in order if look}) == 12
+
+
 def test_a_method_that_does_not_exist_is_refused() -> None:
     with pytest.raises(PluginError, match='"best"; there are: random, raster'):
         planar.method("best", MEANS)

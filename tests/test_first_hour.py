@@ -50,6 +50,15 @@ def test_a_python_that_is_too_old_is_named(tmp_path: Path) -> None:
     assert not (tmp_path / "venv").exists()
 
 
+def test_a_python_that_lacks_our_packages() -> None:
+    bare = [sys.executable, "-S", "-m", "scenarios.cli", "run", "cliff"]  # -S: no site-packages
+    made = subprocess.run(bare, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert made.returncode == 2
+    assert made.stderr.count("\n") == 1
+    assert "not installed for" in made.stderr
+    assert "make setup" in made.stderr
+
+
 def test_a_port_in_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
@@ -166,6 +175,13 @@ def test_a_log_that_the_disk_refuses_ends_and_says_so(tmp_path: Path) -> None:
     assert (tmp_path / "r.mcap").stat().st_size == 3000
 
 
+def assert_nobody_is_left(process: subprocess.Popen[str]) -> None:
+    deadline_s = time.monotonic() + 10  # the servers that started the others take a moment
+    while session_of(process.pid) and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    assert session_of(process.pid) == []
+
+
 @pytest.mark.parametrize("air", AIRS)
 def test_ctrl_c_twice_ends_at_once_and_leaves_nobody_behind(tmp_path: Path, air: str) -> None:
     out = tmp_path / "out"
@@ -182,7 +198,21 @@ def test_ctrl_c_twice_ends_at_once_and_leaves_nobody_behind(tmp_path: Path, air:
     _, told = process.communicate(timeout=60)
     assert process.returncode == 130
     assert told == "interrupted\n"
-    deadline_s = time.monotonic() + 10  # the servers that started the robots take a moment
-    while session_of(process.pid) and time.monotonic() < deadline_s:
-        time.sleep(0.05)
-    assert session_of(process.pid) == []
+    assert_nobody_is_left(process)
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_an_experiment_with_all_its_workers_at_once(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    sets = ("--set", "method=team-information", "--seeds", "4", "--jobs", "2")
+    process = ropeteam("experiment", "planar-one", *sets, "--quiet", "--out", str(out))
+    deadline_s = time.monotonic() + 60
+    while len(session_of(process.pid)) < 3 and time.monotonic() < deadline_s:
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.1)
+    time.sleep(3)  # the workers, each a minute from its end, are at work
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=15)
+    assert process.returncode == 130
+    assert told == "interrupted\n"
+    assert_nobody_is_left(process)

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import subprocess
 import sys
 import time
@@ -31,6 +32,7 @@ from scenarios.ros2.types import DEFINITIONS, HASHES, fields_of, full_name, part
 
 OURS = "ropeteam_msgs/msg/LinkStatistics"
 GRID_MAP = "grid_map_msgs/msg/GridMap"
+FOXGLOVE = Path(__file__).parent / "foxglove"
 
 
 @pytest.fixture(scope="module")
@@ -257,6 +259,30 @@ def test_rerun_draws_a_merged_run(merged: Any) -> None:
     ):
         assert any(f" {entity} " in line and component in line for line in chunks), entity
     assert not any("McapMessage:data" in line for line in chunks), "raw bytes"
+
+
+@pytest.fixture(scope="module")
+def foxglove(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a program that reads logs with Foxglove's own libraries, fetched from npm."""
+    if shutil.which("npm") is None:
+        pytest.skip("no npm is installed")
+    folder = tmp_path_factory.mktemp("foxglove")
+    for file in FOXGLOVE.iterdir():
+        shutil.copy(file, folder)
+    fetch = ["npm", "install", "--silent", "--no-audit", "--no-fund", "--no-package-lock"]
+    if subprocess.run(fetch, check=False, cwd=folder, capture_output=True).returncode:
+        pytest.skip("npm could not fetch Foxglove's libraries")
+    return folder / "read.mjs"
+
+
+@pytest.mark.slow
+def test_foxglove_reads_a_merged_run(merged: Any, foxglove: Path) -> None:
+    _, path, _ = merged
+    read = subprocess.run(["node", foxglove, path], check=True, capture_output=True)
+    told = json.loads(read.stdout)
+    assert told["profile"] == "ros2"
+    counts = Counter((topic, name) for topic, name, _, _ in decoded(path))
+    assert counts == {(t, one["type"]): one["messages"] for t, one in told["topics"].items()}
 
 
 def test_names_are_such_as_ros_allows() -> None:

@@ -49,28 +49,34 @@ TRUTH = Truth(grid([0, 0, 0], [1, 1, NAN]), np.array([[True, True, False], [True
 
 
 def test_the_score_of_a_hand_worked_map() -> None:
-    result = score(grid([0.3, NAN, 0.4], [1.0, NAN, 7.0]), TRUTH)
+    sigma_m = grid([0.11, NAN, 0.1], [np.inf, NAN, 0.0])
+    result = score(grid([0.3, NAN, 0.4], [1.0, NAN, 7.0]), sigma_m, TRUTH)
     assert result.mapped_cells == 2  # of the four observable ones
     assert result.coverage == 0.5
     assert result.rmse_m == pytest.approx(np.sqrt((0.09 + 0.16 + 0) / 3), rel=1e-6)
     assert result.p95_m == pytest.approx(np.percentile([0.3, 0.4, 0.0], 95), rel=1e-6)
+    assert result.within_3_sigma == pytest.approx(2 / 3)  # 0.4 m is four of its own
 
 
 def test_the_score_of_nothing() -> None:
-    result = score(np.full((2, 3), np.nan, np.float32), TRUTH)
+    nothing = np.full((2, 3), np.nan, np.float32)
+    result = score(nothing, nothing, TRUTH)
     assert (result.mapped_cells, result.coverage) == (0, 0.0)
-    assert (result.rmse_m, result.p95_m) == (None, None)
+    assert (result.rmse_m, result.p95_m, result.within_3_sigma) == (None, None, None)
     blind = Truth(TRUTH.elevation_m, np.zeros((2, 3), bool))
-    assert score(grid([0, 0, 0], [0, 0, 0]), blind).coverage == 0.0
+    flat = grid([0, 0, 0], [0, 0, 0])
+    assert score(flat, flat, blind).coverage == 0.0
 
 
 def test_the_union_takes_the_surest_of_each_cell() -> None:
     one = robot("a", grid([1, NAN, 3]), grid([0.1, 0.1, 0.5]))
     two = robot("b", grid([2, 2, 4]), grid([0.2, 0.2, 0.2]))
     none = robot("c")
-    assert union_map([one, two, none], (1, 3)).tolist() == [[1, 2, 4]]
-    assert union_map([two, none, one], (1, 3)).tolist() == [[1, 2, 4]]
-    assert np.isnan(union_map([none], (1, 3))).all()
+    for team in ([one, two, none], [two, none, one]):
+        elevation_m, sigma_m = union_map(team, (1, 3))
+        assert elevation_m.tolist() == [[1, 2, 4]]
+        assert sigma_m.tolist() == grid([0.1, 0.2, 0.2]).tolist()
+    assert np.isnan(union_map([none], (1, 3))[0]).all()
 
 
 @settings(max_examples=50, deadline=None)
@@ -82,10 +88,10 @@ def test_the_union_has_every_cell_that_anybody_has(seed: int) -> None:
         elevation_m = rng.normal(size=(4, 5)).astype(np.float32)
         elevation_m[rng.random((4, 5)) < 0.5] = np.nan
         robots.append(robot(name, elevation_m, rng.random((4, 5)).astype(np.float32)))
-    whole = union_map(robots, (4, 5))
+    whole, _ = union_map(robots, (4, 5))
     known = [np.isfinite(r.elevation_m) for r in robots if r.elevation_m is not None]
     assert (np.isfinite(whole) == np.logical_or.reduce(known)).all()
-    np.testing.assert_array_equal(whole, union_map(robots[::-1], (4, 5)))
+    np.testing.assert_array_equal(whole, union_map(robots[::-1], (4, 5))[0])
 
 
 def test_the_team_is_who_is_alive_or_all_where_nobody_is() -> None:
@@ -140,7 +146,7 @@ def test_the_summary_has_exactly_the_keys_that_studies_read() -> None:
     }
     assert set(found["team"]) == {
         *("observable_cells", "mapped_cells", "coverage", "elevation_rmse_m"),
-        *("elevation_error_p95_m", "maps_equal"),
+        *("elevation_error_p95_m", "within_3_sigma", "maps_equal"),
     }
     head = {key: found[key] for key in ("schema", "scenario", "seed", "clock")}
     assert head == {"schema": 1, "scenario": "cliff", "seed": 1, "clock": "virtual"}

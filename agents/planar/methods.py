@@ -193,6 +193,7 @@ class Raster(_Sampled):
         """Begin where the robot stands."""
         super().__init__(means)
         self._been: list[tuple[float, float]] = []
+        self._turns = -1
 
     def _pick(
         self, scene: Scene, eyes: Ints, firsts: Ints, cells: Floats, rng: np.random.Generator
@@ -201,7 +202,6 @@ class Raster(_Sampled):
         apart_m = 0.5 * range_m
         band = eyes[:, 0] // max(1, round(apart_m / frame.cell_m))
         along = np.where(band % 2 == 0, eyes[:, 1], -eyes[:, 1])
-        heading = len(self._been) % len(firsts)
         place = 0
         for n in np.lexsort((along, band)):
             x, y = frame.centre_of(int(eyes[n, 0]), int(eyes[n, 1]))
@@ -211,7 +211,8 @@ class Raster(_Sampled):
         else:
             self._been.clear()
         self._been.append(frame.centre_of(int(eyes[place, 0]), int(eyes[place, 1])))
-        return place, heading
+        self._turns += 1
+        return place, self._turns % len(firsts)
 
 
 def _whole_rings(rays: Star) -> Ints:

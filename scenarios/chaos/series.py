@@ -5,9 +5,7 @@ import gc
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing import get_context
 from typing import Any
 
 from scenarios.chaos.draw import draw_faults, under
@@ -15,6 +13,7 @@ from scenarios.chaos.faults import Fault
 from scenarios.chaos.invariants import Violation, violations
 from scenarios.chaos.trial import Evidence, run_trial
 from scenarios.schema import Scenario
+from scenarios.workers import workers
 
 BATCH = 50
 """Runs between two rounds of collecting garbage, and given to a process at once."""
@@ -141,7 +140,7 @@ def _outcomes(series: Series, batches: list[list[int]], jobs: int) -> Generator[
         for batch in batches:
             yield run_batch(series, batch)
         return
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+    with workers(jobs) as pool:
         yield from pool.map(run_batch, [series] * len(batches), batches)
 
 

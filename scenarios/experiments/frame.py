@@ -2,11 +2,8 @@
 
 import importlib
 import json
-import multiprocessing
 import os
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
@@ -18,6 +15,7 @@ from scenarios.experiments.keeping import Keeper
 from scenarios.experiments.tables import Row, Table, as_csv, as_data, as_text, rows_csv
 from scenarios.records import folder
 from scenarios.records.tables import write_atomic
+from scenarios.workers import workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -167,27 +165,8 @@ def _measured(experiment: Experiment[T], trials: Sequence[T], jobs: int) -> Iter
     if jobs == 1 or len(trials) < 2:
         yield from map(experiment.measure, trials)
         return
-    workers = min(jobs, len(trials))
-    spawning = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=spawning, initializer=_begin_worker)
-    try:
+    with workers(min(jobs, len(trials))) as pool:
         yield from pool.map(experiment.measure, trials)
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def _begin_worker() -> None:
-    """Leave the other cores to the other trials, and end with the experiment, if it is killed."""
-    cv2 = importlib.import_module("cv2")
-    cv2.setNumThreads(1)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-    parent.join()
-    os._exit(1)
 
 
 def default_jobs() -> int:

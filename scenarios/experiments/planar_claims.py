@@ -106,8 +106,9 @@ def _line(method: str, robots: int, found: Sequence[Row]) -> list[Cell]:
 
 
 def per_metre(row: Row) -> float:
-    """Return the area mapped per metre driven, m2/m."""
-    return float(row["area_m2"]) / max(float(row["driven_m"]), 1e-9)
+    """Return the area mapped per metre driven, m2/m; 0 for who never left its place."""
+    driven_m = float(row["driven_m"])
+    return float(row["area_m2"]) / driven_m if driven_m > 0 else 0.0
 
 
 def mean(found: Sequence[Row], key: str) -> float:

@@ -161,9 +161,9 @@ def map_facts(robot: RobotFinal, truth: Truth | PlanarTruth) -> str:
     """Return how much a robot knows and how well, in a few words."""
     if isinstance(truth, PlanarTruth):
         return "" if robot.log_odds is None else _floor_facts(robot.log_odds, truth)
-    if robot.elevation_m is None:
+    if robot.elevation_m is None or robot.sigma_m is None:
         return ""
-    result = score(robot.elevation_m, truth)
+    result = score(robot.elevation_m, robot.sigma_m, truth)
     known = f"{100 * result.coverage:.0f} % of what can be seen"
     return known if result.rmse_m is None else f"{known}, {100 * result.rmse_m:.1f} cm rms"
 

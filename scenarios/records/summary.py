@@ -14,7 +14,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from agents.geometry import Bools, Floats, Singles
+from agents.geometry import Bools, Singles
 from agents.layers import Anchor
 from agents.store import AnchorKey
 from scenarios.records.tables import Records, write_atomic
@@ -96,31 +96,32 @@ class MapScore:
     """Root mean square elevation error over all known cells; None where none is known."""
     p95_m: float | None
     """The absolute error that 95 % of the known cells stay below (or at)."""
+    within_3_sigma: float | None
+    """Share of the known cells whose error is at most three of their own standard deviations."""
 
 
-def score(elevation_m: Singles, truth: Truth) -> MapScore:
-    """Return how good a map (H, W; NaN unknown) is."""
+def score(elevation_m: Singles, sigma_m: Singles, truth: Truth) -> MapScore:
+    """Return how good a map (H, W; NaN unknown) with its standard deviations (H, W) is."""
     known: Bools = np.isfinite(elevation_m)
     observable = int(truth.observable.sum())
     mapped = int((known & truth.observable).sum())
-    errors = elevation_error_m(elevation_m, truth.elevation_m)
+    apart_m = np.abs(elevation_m.astype(np.float64) - truth.elevation_m.astype(np.float64))
+    both: Bools = np.isfinite(apart_m)
+    errors, sigmas = apart_m[both], sigma_m[both].astype(np.float64)
     some = errors.size > 0
     return MapScore(
         mapped_cells=mapped,
         coverage=mapped / observable if observable else 0.0,
         rmse_m=math.sqrt(float(np.mean(errors**2))) if some else None,
         p95_m=float(np.percentile(errors, 95)) if some else None,
+        within_3_sigma=float(np.mean(errors <= 3.0 * sigmas)) if some else None,
     )
 
 
-def elevation_error_m(elevation_m: Singles, truth_m: Singles) -> Floats:
-    """Return the absolute errors (N,) of all cells that both the map and the truth know."""
-    errors: Floats = np.abs(elevation_m.astype(np.float64) - truth_m.astype(np.float64))
-    return errors[np.isfinite(errors)]
+def union_map(robots: Sequence[RobotFinal], shape: tuple[int, int]) -> tuple[Singles, Singles]:
+    """Return the union of the robots' team maps: of each cell whichever is surest.
 
-
-def union_map(robots: Sequence[RobotFinal], shape: tuple[int, int]) -> Singles:
-    """Return the union (H, W) of the robots' team maps: of each cell whichever is surest.
+    Elevations (H, W; NaN unknown) and their standard deviations (H, W; inf unknown), in metres.
 
     Maps are not fused once more: they share their measurements. Of equally sure cells the first
     robot's counts.
@@ -134,7 +135,7 @@ def union_map(robots: Sequence[RobotFinal], shape: tuple[int, int]) -> Singles:
         better = (sigma_m < best_sigma_m) | (np.isnan(best_m) & np.isfinite(robot.elevation_m))
         best_m[better] = robot.elevation_m[better]
         best_sigma_m[better] = sigma_m[better]
-    return best_m
+    return best_m, best_sigma_m
 
 
 def survivors(robots: Sequence[RobotFinal]) -> list[RobotFinal]:
@@ -215,12 +216,13 @@ def _team(robots: Sequence[RobotFinal], truth: Truth | PlanarTruth) -> dict[str,
 
 def _of_ground(team: Sequence[RobotFinal], truth: Truth) -> dict[str, Any]:
     shape = (truth.elevation_m.shape[0], truth.elevation_m.shape[1])
-    result = score(union_map(team, shape), truth)
+    result = score(*union_map(team, shape), truth)
     return {
         "mapped_cells": result.mapped_cells,
         "coverage": result.coverage,
         "elevation_rmse_m": result.rmse_m,
         "elevation_error_p95_m": result.p95_m,
+        "within_3_sigma": result.within_3_sigma,
     }
 
 
@@ -233,6 +235,7 @@ def _of_floor(team: Sequence[RobotFinal], truth: PlanarTruth) -> dict[str, Any]:
         "wrong_cells": result.wrong_cells,
         "elevation_rmse_m": None,
         "elevation_error_p95_m": None,
+        "within_3_sigma": None,
     }
 
 

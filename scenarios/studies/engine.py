@@ -5,7 +5,6 @@ Nothing here queues, schedules or restarts: that is Dask's. A trial that raises 
 """
 
 import contextlib
-import importlib
 import logging
 import os
 import signal
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from comms import kernels
+from scenarios.compiling import compile_kernels
 from scenarios.errors import UsageError
 from scenarios.studies.study import Trial
 from scenarios.studies.trial import Told, measure
@@ -70,8 +70,7 @@ def on_dask(jobs: int | None = None, scheduler: str = "") -> Engine:
 def _compile() -> None:
     """Compile the kernels once, where that was never done, before all workers do it at a time."""
     if not kernels.is_warm():
-        importlib.import_module("scenarios.preload")
-        kernels.mark_warm()
+        compile_kernels()
 
 
 def _run(
@@ -130,15 +129,31 @@ def _client(workers: int, scheduler: str) -> Generator["Client"]:
     with (
         tempfile.TemporaryDirectory(prefix="ropeteam-dask-") as scratch,
         config.set(_settings()),
-        LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            host=LOCAL,
-            dashboard_address=f"{LOCAL}:0",
-            worker_dashboard_address=f"{LOCAL}:0",
-            local_directory=scratch,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
+        contextlib.ExitStack() as stack,
     ):
-        yield client
+        with _ctrl_c_waits():
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    host=LOCAL,
+                    dashboard_address=f"{LOCAL}:0",
+                    worker_dashboard_address=f"{LOCAL}:0",
+                    local_directory=scratch,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        yield stack.enter_context(Client(cluster))
+
+
+@contextlib.contextmanager
+def _ctrl_c_waits() -> Generator[None]:
+    """Have a Ctrl-C wait for the end of the block.
+
+    A cluster of Dask's that is interrupted while it starts can't be closed in order.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

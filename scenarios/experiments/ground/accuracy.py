@@ -99,7 +99,8 @@ def by_class(result: RunResult, eyes_m: Sequence[tuple[float, float]]) -> Row:
 def _compared(result: RunResult, eyes_m: Sequence[tuple[float, float]]) -> _Compared:
     terrain = result.stage.terrain
     assert isinstance(terrain, Terrain)
-    map_m = union_map(survivors(result.finals), terrain.frame.shape).astype(np.float64)
+    elevation_m, _ = union_map(survivors(result.finals), terrain.frame.shape)
+    map_m = elevation_m.astype(np.float64)
     truth_m = terrain.elevation_m.astype(np.float64)
     return _Compared(
         map_m,
