@@ -2,23 +2,29 @@
 
 import asyncio
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.geometry import Singles
+from agents.geometry import Bools, Floats, Singles
 from agents.mapper import Expected, NextLook
-from agents.maps.elevation import relief_sigma_m
+from agents.maps.elevation import UNIFORM, relief_sigma_m
 from agents.maps.elevationlook import bin_look
 from agents.planning.information import Interest
 from agents.planning.strategies import View, strategy
+from agents.planning.waydown import TIRED, Descent, open_questions
 from agents.ports import Exposure
 from agents.pose.localising import is_located
+from comms.codec import sigma_as_sent
 
 if TYPE_CHECKING:
     from agents.robot import Robot
 
 
+HOPES = 4
+"""So many ways down are asked about before it is taken that no look helps."""
+LEAST_INTEREST = 0.05
 BARRED = 50
 """So many places where it came to a halt a robot remembers."""
 
@@ -33,6 +39,8 @@ class ElevationMapper:
         self.strategy = strategy(self.settings.method)
         self.interest = Interest(self.settings.frame.shape, self.settings.planner.beta)
         self.barred: tuple[tuple[float, float, float], ...] = ()
+        self.asked = np.zeros(self.settings.frame.shape)
+        """For how many looks a cell kept a team-mate's way down from being safe."""
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
@@ -105,9 +113,43 @@ class ElevationMapper:
             trail_m=np.array(robot.trail),
         )
 
+    async def _questions(self, view: View) -> Bools | None:
+        """Return what keeps a team-mate's most hopeful way down from being safe, if one waits.
+
+        What was expected to be seen and was not is asked about as little as what was asked often.
+        """
+        robot, goal_m = self.robot, self.settings.goal_m
+        for index, mate in sorted(robot.mates.items()):
+            waits = self.settings.roles[index] == "cliffbot" and mate.status.claim is not None
+            if waits and goal_m is not None and is_located(mate):
+                in_vain = TIRED * (1.0 / np.maximum(view.interest, LEAST_INTEREST) - 1.0)
+                down = Descent(mate.status.pose, goal_m, self.asked + in_vain)
+                ground = (view.frame, view.drive, view.elevation_m, self._sigma_as_heard(view))
+                questions = await asyncio.to_thread(open_questions, *ground, down)
+                self.asked += questions
+                return questions
+        return None
+
+    def _sigma_as_heard(self, view: View) -> Floats:
+        """Return sigma (H, W) as team-mates are told it: more roughly, and so never less.
+
+        What is sharp enough for who measured it may not be for those who hear of it.
+        """
+        known = ~np.isnan(view.elevation_m)
+        sent = sigma_as_sent(np.where(known, view.sigma_m, 0.0), known)
+        heard = np.sqrt(sent**2 + UNIFORM * self.settings.map.max_error_m**2)
+        return np.where(known, heard, np.inf)
+
     async def choose(self) -> NextLook | None:
         """Choose the next look (Eq. 23)."""
-        plan = await asyncio.to_thread(self.strategy.choose, self.view(), self.robot.rng)
+        view, plan = self.view(), None
+        for _ in range(HOPES):
+            questions = await self._questions(view)
+            asking = view if questions is None else replace(view, questions=questions)
+            plan = await asyncio.to_thread(self.strategy.choose, asking, self.robot.rng)
+            if plan is not None or questions is None or not questions.any():
+                break
+            self.asked += TIRED * questions  # no look can answer these: another way down may do
         if plan is None:
             return None
         heading_rad = plan.heading_rad

@@ -3,25 +3,23 @@
 import asyncio
 import math
 from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from agents.briefing import ACTIVITIES, AgentSettings
-from agents.geometry import Bools, Floats, GridFrame, Pose, wrap_angle
-from agents.ground.paths import descent_cost, path_to, straight_legs, travel_field
-from agents.ground.surface import CLEARANCE_M
+from agents.briefing import ACTIVITIES
+from agents.geometry import Floats, Pose, wrap_angle
 from agents.mapper import NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.member import SILENT_S
 from agents.messages import TetherCommand, pack_tethers
+from agents.planning.waydown import Descent, hopeful, safe_path
 from agents.robot import Robot
 from comms.frames import Kind
 
 STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
-GOAL_M = 1.0
-"""The Cliff-bot has arrived when it stands this near its goal: the goal itself may be barred."""
 SLACK_M = 0.05
 COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
@@ -33,10 +31,10 @@ SEARCH_S = 60.0
 """A lost robot that saw nothing known looks round again after so long."""
 SEARCH_ROUNDS = 20
 """It looks round so often; then it waits to be seen."""
+HOLD_OUT_S = 2400.0
+"""So long the Cliff-bot waits for a way by the strict rule, as long as somebody maps."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
-STAND_COST = 10.0
-"""Cost of a metre at its own stand, where the map would forbid it."""
 TRIES = 40
 """Steps that may fail on a descent before the Cliff-bot gives up and stays."""
 
@@ -51,17 +49,22 @@ async def explore(robot: Robot) -> None:
         await robot.look(wrap_angle(pan_rad), tilt_rad)
     most = robot.settings.planner.max_looks
     while robot.looks < most and (plan := await next_look(robot)) is not None:
-        arrived = await robot.travel(plan.path_m)
-        if robot.is_lost:
-            await take_bearing(robot)
-        ahead_rad = None if arrived else robot.mapper.halted()
-        pan_rad = wrap_angle(plan.heading_rad - robot.pose.yaw_rad)
-        await robot.look(pan_rad if ahead_rad is None else ahead_rad, plan.tilt_rad)
+        await take_look(robot, plan)
     if robot.looks < most:
         robot.log.event("explored", f"after {robot.looks} looks no other look is worth its way")
     else:
         robot.log.event("looks spent", f"it may take no more than {most}")
     await watch(robot)
+
+
+async def take_look(robot: Robot, plan: NextLook) -> None:
+    """Go where a look is to be taken from, and take it; or from where the way ended."""
+    arrived = await robot.travel(plan.path_m)
+    if robot.is_lost:
+        await take_bearing(robot)
+    ahead_rad = None if arrived else robot.mapper.halted()
+    pan_rad = wrap_angle(plan.heading_rad - robot.pose.yaw_rad)
+    await robot.look(pan_rad if ahead_rad is None else ahead_rad, plan.tilt_rad)
 
 
 async def follow(robot: Robot) -> None:
@@ -131,8 +134,13 @@ async def take_bearing(robot: Robot) -> None:
 
 
 async def watch(robot: Robot) -> None:
-    """Keep an eye on the Cliff-bot while it goes down, and tell it where it is (section 2.1)."""
+    """Keep an eye on the Cliff-bot while it goes down, and tell it where it is (section 2.1).
+
+    Where it hangs and waits for a way on, map again, as long as that may show one.
+    """
     robot.set_activity("watching")
+    most = robot.settings.planner.max_looks
+    asked_s = robot.now_s
     while (cliffbot := _mate_with_role(robot, "cliffbot")) is not None:
         mate = robot.mates[cliffbot].status
         doing = ACTIVITIES[mate.activity]
@@ -141,6 +149,11 @@ async def watch(robot: Robot) -> None:
         distance_m, pan_rad, tilt_rad = robot.bearing_to(mate.pose)
         if doing == "descending" and distance_m < robot.settings.sensor.range_m:
             await robot.look(pan_rad, tilt_rad)
+        elif doing == "waiting" and robot.map_changed_s > asked_s:
+            asked_s = robot.now_s
+            while robot.looks < most and (plan := await next_look(robot)) is not None:
+                await take_look(robot, plan)
+            robot.set_activity("watching")
         await asyncio.sleep(PATIENCE_S)
     robot.set_activity("done")
     robot.finished = True
@@ -152,42 +165,55 @@ async def descend(robot: Robot) -> None:
     assert robot.settings.goal_m is not None
     goal = robot.settings.goal_m
     robot.wish_to_know(goal)
-    path_m = await wait_for_path(robot, goal)
-    if path_m is not None:
-        robot.log.event("safe path", f"{_length_m(path_m):.1f} m")
+    way = await wait_for_path(robot, goal)
+    if way is not None:
+        robot.log.event("safe path", f"{_length_m(way.path_m):.1f} m")
         robot.set_activity("descending")
-        path_m = await go_down(robot, goal, path_m)
-    if path_m is not None:
+        way = await go_down(robot, goal, way)
+    if way is not None:
         robot.log.event("reached")
     else:
-        robot.log.event("stuck", "nobody maps any more, and no safe way down is known")
+        robot.log.event("stuck", f"nobody maps any more; {why_not(robot, goal)}")
     robot.claim = None
     robot.set_activity("done")
     robot.finished = True
 
 
-async def wait_for_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
+@dataclass(frozen=True)
+class Way:
+    """A way down."""
+
+    path_m: Floats
+    """(N, 2)."""
+    strict: bool
+    """By the strict rule: so long as somebody maps, one may wait for such a way."""
+
+
+async def wait_for_path(robot: Robot, goal: tuple[float, float]) -> Way | None:
     """Return the first safe way to the goal that the map shows, or None if none will come."""
     planned_s = -math.inf
     while True:
-        if planned_s < robot.map_changed_s:
+        is_last = _nothing_more_to_come(robot)
+        if is_last or planned_s < robot.map_changed_s:
             planned_s = robot.now_s
-            path_m = await find_path(robot, goal)
-            if path_m is not None:
-                return path_m
-        if _nothing_more_to_come(robot):
+            rules = (True,) if planned_s < HOLD_OUT_S and not is_last else (True, False)
+            for strict in rules:
+                path_m = await find_path(robot, goal, strict=strict)
+                if path_m is not None:
+                    return Way(path_m, strict)
+        if is_last:
             return None
         await asyncio.sleep(PATIENCE_S)
 
 
-async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Floats | None:
+async def go_down(robot: Robot, goal: tuple[float, float], way: Way) -> Way | None:
     """Go down step by step, each by the newest map; return None if the goal can't be reached.
 
     Where the newest map bars the way, it hangs on its tethers until the map shows another.
     """
     failures = 0
-    while math.dist((robot.pose.x_m, robot.pose.y_m), path_m[-1]) > robot.settings.map.cell_m:
-        x_m, y_m = _step_along(path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
+    while math.dist((robot.pose.x_m, robot.pose.y_m), way.path_m[-1]) > robot.settings.map.cell_m:
+        x_m, y_m = _step_along(way.path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
         holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m))
         try:
             failures += not await robot.drive_to(x_m, y_m, STEP_M)
@@ -195,14 +221,17 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
             holder.cancel()
         if failures > TRIES:
             return None
-        onward = await find_path(robot, goal)
+        path_m = await find_path(robot, goal, strict=way.strict)
+        onward = None if path_m is None else Way(path_m, way.strict)
         if onward is None:
             robot.log.event("barred", "the newest map shows no safe way on from here")
+            robot.set_activity("waiting")
             onward = await wait_for_path(robot, goal)
         if onward is None:
             return None
-        path_m = onward
-    return path_m
+        robot.set_activity("descending")
+        way = onward
+    return way
 
 
 async def hold(robot: Robot) -> None:
@@ -238,70 +267,27 @@ ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
 }
 
 
-async def find_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
-    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none."""
-    elevation_m, sigma_m = _with_own_stand(robot)
-    stand = robot.pose
-    return await asyncio.to_thread(safe_path, robot.settings, elevation_m, sigma_m, stand, goal)
-
-
-def safe_path(
-    settings: AgentSettings,
-    elevation_m: Floats,
-    sigma_m: Floats,
-    stand: Pose,
-    goal: tuple[float, float],
+async def find_path(
+    robot: Robot, goal: tuple[float, float], *, strict: bool = False
 ) -> Floats | None:
-    """Return a way (N, 2) over known and safe ground from a stand to a goal, or None."""
-    drive = settings.drive
-    cost = descent_cost(
-        elevation_m,
-        sigma_m,
-        cell_m=settings.map.cell_m,
-        footprint_m=drive.footprint_m + 2 * CLEARANCE_M,
-        wheel_m=drive.wheel_m,
-    )
-    frame = settings.frame
-    start = frame.cell_of(stand.x_m, stand.y_m)
-    if not frame.holds(*start):
-        return None
-    # It stands there, so one can stand there, and a step away.
-    stands = _within(frame, stand, STEP_M)
-    cost[stands] = np.minimum(cost[stands], STAND_COST)
-    distance_m, parent = travel_field(cost, np.array([start]), frame.cell_m)
-    near = np.where(np.isfinite(distance_m), _distance_to(frame, goal), np.inf)
-    end = np.unravel_index(int(np.argmin(near)), frame.shape)
-    if near[end] > GOAL_M:
-        return None
-    cells = straight_legs(path_to(parent, (int(end[0]), int(end[1]))), cost)
-    return np.array([frame.centre_of(int(row), int(col)) for row, col in cells])
+    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none."""
+    settings, ground = robot.settings, _ground(robot)
+    place = (settings.frame, settings.drive, *ground, robot.pose, goal)
+    return await asyncio.to_thread(safe_path, *place, strict=strict)
 
 
-def _with_own_stand(robot: Robot) -> tuple[Floats, Floats]:
-    """Return elevation and sigma of the team map, with the ground under its own wheels known.
-
-    No camera sees the ground that a robot stands on; its wheels tell its height.
-    """
-    fused = robot.team.fused()
-    elevation_m, sigma_m = fused.elevation_m.copy(), relief_sigma_m(robot.team)
-    under = _within(robot.settings.frame, robot.pose, 0.75 * robot.settings.drive.footprint_m)
-    unseen = under & np.isnan(elevation_m)
-    elevation_m[unseen] = robot.pose.z_m
-    sigma_m[unseen] = 0.25 * robot.settings.drive.wheel_m
-    return elevation_m, sigma_m
+def why_not(robot: Robot, goal: tuple[float, float]) -> str:
+    """Say what keeps the most hopeful way to the goal from being safe."""
+    settings = robot.settings
+    down = Descent(robot.pose, goal, np.zeros(settings.frame.shape))
+    hope = hopeful(settings.frame, settings.drive, *_ground(robot), down)
+    why = "" if hope is None else f": {hope.told(settings.frame.cell_m)}"
+    return f"no safe way down is known{why}"
 
 
-def _within(frame: GridFrame, pose: Pose, radius_m: float) -> Bools:
-    """Return the cells (rows, cols) within a radius of a pose."""
-    return _distance_to(frame, (pose.x_m, pose.y_m)) <= radius_m
-
-
-def _distance_to(frame: GridFrame, point_m: tuple[float, float]) -> Floats:
-    """Return each cell's distance (rows, cols) to a point, metres."""
-    rows, cols = np.indices(frame.shape)
-    x_m = frame.x_m + (cols + 0.5) * frame.cell_m - point_m[0]
-    y_m = frame.y_m + (rows + 0.5) * frame.cell_m - point_m[1]
-    return np.hypot(x_m, y_m)
+def _ground(robot: Robot) -> tuple[Floats, Floats]:
+    """Return elevation of the team map, and sigma against the ground next to each cell."""
+    return robot.team.fused().elevation_m, relief_sigma_m(robot.team)
 
 
 def _step_along(path_m: Floats, pose: Pose, near_m: float) -> tuple[float, float]:

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
-from agents.ground.paths import descent_cost, path_to, straight_legs, travel_field
+from agents.ground.descent import descent_cost
+from agents.ground.paths import path_to, straight_legs, travel_field
 from agents.ground.surface import CLEARANCE_M
 from agents.layers import Anchor
 from agents.maps.elevation import Submap

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from agents.ground.descent import descent_cost
 from agents.ground.paths import (
     PathError,
-    descent_cost,
     length_m,
     path_to,
     straight_legs,

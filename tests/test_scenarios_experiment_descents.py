@@ -25,6 +25,8 @@ def row_of(seed: int, became: str, **changes: float) -> Row:
     row: Row = {
         "seed": seed,
         "became": became,
+        "way_exists": True,
+        "reason": "it said why",
         "looks": 20,
         "legs": 10,
         "legs_told": 6,
@@ -61,6 +63,10 @@ def test_verdicts_follow_from_what_became_of_the_missions() -> None:
         [2, "22 23"],
         [0, ""],
     ]
+    failures = conclude(worse).tables[1]
+    assert [line[0] for line in failures.rows] == ["20", "21", "22", "23"]
+    assert failures.rows[0][2:] == ["yes", "it said why"]
+    assert len(conclude(rows).tables) == len(conclude(worse).tables) - 1
 
 
 def test_one_mission_with_a_bad_map_is_enough_for_did_not_hold() -> None:
@@ -153,6 +159,6 @@ def test_a_small_mission_is_run_and_drawn(tmp_path: Path) -> None:
     assert row["became"] in BECAME
     assert int(row["looks"]) > 5
     assert 0 < float(row["near_rmse_m"]) < 0.1
-    assert conclude(rows).tables[1].rows
+    assert conclude(rows).tables[-2].rows
     save_figure(tmp_path / "a.png", lambda figure: draw(figure, rows))
     assert (tmp_path / "a.png").stat().st_size > 10_000

@@ -5,20 +5,10 @@ import math
 import numpy as np
 
 from agents.errors import AgentError
-from agents.geometry import Bools, Floats, Ints
-from agents.ground import markov, surface
+from agents.geometry import Floats, Ints
 from comms import kernels
 from comms.kernels import kernel
 
-CLEARANCE_WEIGHT = 3.0
-"""By how much a cell beside a hazard costs more than open ground."""
-DOUBT_WEIGHT = 100.0
-"""By how much ground costs more that is all as rough as a hazard, but within the map's noise."""
-SURE = 0.5
-"""Ground whose sigma exceeds this share of a wheel may hide rocks: no tethered robot goes there."""
-LOW = 0.8
-"""On tethers, what stands out by this share of a wheel is a rock, though it might be noise, if two
-by two cells show it (after a mean, `surface.CALM_ROCK` of it); a single cell by a whole wheel."""
 LEG_EXCESS = 1.02
 """A straight leg may cost that much more than the grid path it replaces: it is smoother."""
 
@@ -214,53 +204,6 @@ def straight_legs(cells: Ints, cost: Floats) -> Ints:
 def length_m(points_m: Floats) -> float:
     """Return the length of a way through points (N, 2), metres."""
     return float(np.hypot(*np.diff(points_m, axis=0).T).sum())
-
-
-def descent_cost(
-    elevation_m: Floats,
-    sigma_m: Floats,
-    *,
-    cell_m: float,
-    footprint_m: float,
-    wheel_m: float,
-) -> Floats:
-    """Return what a metre costs a robot on tethers (H, W): 1 on open ground, inf where it may not.
-
-    A steep smooth face is allowed. Forbidden are rocks and ledges higher than half a wheel, cells
-    unknown farther than one wheel from measured ground, ground whose sigma exceeds half a wheel
-    (rocks must be seen), and whatever is nearer than half a footprint to one of these; up to one
-    footprint farther the cost rises towards the hazard (by up to 3). Ground that is rough under the
-    footprint, but not surely a hazard, costs up to 100 more: a way round is worth it.
-
-    Args:
-        elevation_m: (H, W), NaN where unknown.
-        sigma_m: (H, W) standard deviation; only read where the elevation is known.
-        cell_m: cell size.
-        footprint_m: diameter of the circle that the robot covers.
-        wheel_m: diameter of a wheel.
-    """
-    known = ~np.isnan(elevation_m)
-    if not known.any():
-        return np.full(elevation_m.shape, np.inf)
-    whole = markov.complete(elevation_m)
-    sigma = np.where(known, sigma_m, 0.0)
-    rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma)
-    # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
-    blocked = rough.hazard | (known & (surface.mean_over(sigma, 3) > SURE * wheel_m))
-    blocked |= rough.raw_m > wheel_m
-    blocked |= rough.calm_m > surface.CALM_ROCK * LOW * wheel_m
-    blocked |= markov.distance_to_known_m(known, cell_m) > wheel_m
-    cost = _with_clearance(blocked, footprint_m, cell_m)
-    return cost + DOUBT_WEIGHT * surface.mean_over(
-        rough.doubt, surface.odd_cells(footprint_m, cell_m)
-    )
-
-
-def _with_clearance(blocked: Bools, footprint_m: float, cell_m: float) -> Floats:
-    """Return 1 far from blocked cells, up to 1 + CLEARANCE_WEIGHT near them, inf too near."""
-    gap_m = markov.distance_to_known_m(blocked, cell_m) - 0.5 * footprint_m
-    nearness = np.clip(1.0 - gap_m / footprint_m, 0.0, 1.0)
-    return np.where(gap_m > 0, 1.0 + CLEARANCE_WEIGHT * nearness**2, np.inf)
 
 
 @kernels.warmer

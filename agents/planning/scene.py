@@ -20,6 +20,13 @@ CLAIMED = 0.3
 """What a cell is still worth that a team-mate said it will look at."""
 WISHED = 3.0
 """How much more a cell is worth on ground that a team-mate waits to know."""
+ASKED = 12.0
+"""How much more it is worth where it keeps a team-mate's most hopeful way from being safe ..."""
+ALL_ASKED = 40.0
+"""... and all such cells together, in looks that are just worth taking."""
+RIM_STEP_M, RIM_MOST = 0.3, 80
+"""Where a team-mate has questions, looks are also offered from the very rim of the ground that can
+be driven, so far apart, and so many: what lies below a lip is seen from nowhere else."""
 SHARP = 0.25
 """Wished ground is known well enough when its sigma is this share of a wheel."""
 NEAR_COST = 4.0
@@ -55,6 +62,8 @@ class View:
     """(x, y, radius) of ground that a team-mate waits to know."""
     barred: tuple[tuple[float, float, float], ...] = ()
     """(x, y, radius) of ground on which the wheels came to a halt, whatever the map shows there."""
+    questions: Bools | None = None
+    """(H, W) what keeps a team-mate's most hopeful way down from being safe."""
     trail_m: Floats | None = None
     """(N, 2) where the robot has been: it can always go back the way it came."""
 
@@ -153,9 +162,17 @@ class Scene:
             blurred = wished & (self.sigma_m > SHARP * view.drive.wheel_m)
             worth[blurred] = view.interest[blurred]
             worth[wished] *= WISHED
+        if self.asked:
+            each = max(ASKED, ALL_ASKED * view.planner.min_gain_cells / self.asked)
+            worth[view.questions] = each * view.interest[view.questions]
         for mate in view.others:
             worth[self._cells(mate.x_m, mate.y_m, 0.5 * view.drive.footprint_m)] = 0.0
         return worth
+
+    @cached_property
+    def asked(self) -> int:
+        """How many cells are open questions."""
+        return 0 if self.view.questions is None else int(self.view.questions.sum())
 
     def _within(self, x_m: float, y_m: float, radius_m: float) -> Bools:
         """Return the mask (H, W) of the cells about a place."""
@@ -286,7 +303,27 @@ class Scene:
             order = order[np.linspace(0, len(order) - 1, room).astype(np.int64)]
         here = np.array((self.cell,), dtype=np.int64)
         others = np.column_stack((rows[order], cols[order])).astype(np.int64)
+        if self.asked:
+            others = np.concatenate((others, self._rim()))
         return np.concatenate((here, others[(others != here).any(axis=1)]))
+
+    def _rim(self) -> Ints:
+        """Return cells (N, 2) at the rim of the ground that can be driven, nearest to questions."""
+        view = self.view
+        assert view.questions is not None
+        may = np.isfinite(self.travel[0]) & (self.cost <= 1.0)
+        rim = may & ~(cv2.erode(may.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
+        away_m = markov.distance_to_known_m(view.questions, view.frame.cell_m)
+        rim &= away_m < view.sensor.range_m
+        rows, cols = np.nonzero(rim)
+        order = np.argsort(away_m[rows, cols], kind="stable")
+        taken = np.zeros(rim.shape, dtype=np.bool_)
+        kept: list[tuple[int, int]] = []
+        for row, col in np.column_stack((rows, cols))[order].tolist():
+            if not taken[row, col] and len(kept) < RIM_MOST:
+                kept.append((row, col))
+                taken |= self._within(*view.frame.centre_of(row, col), RIM_STEP_M)
+        return np.array(kept, dtype=np.int64).reshape(-1, 2)
 
     @cached_property
     def unsafe_p(self) -> Floats:

@@ -11,6 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from agents.planning.waydown import safe_path
 from scenarios.errors import StudyError, UsageError
 from scenarios.experiments.descents_claims import conclude
 from scenarios.experiments.descents_figure import draw
@@ -20,12 +23,15 @@ from scenarios.experiments.ground.runs import SENSORS
 from scenarios.experiments.tables import Row
 from scenarios.runner import RECORDS_ONLY, RunResult, run
 from scenarios.schema import Scenario, load
-from scenarios.stage import set_stage
+from scenarios.stage import Stage, set_stage
 from sim.errors import WorldError
+from sim.ground import Terrain
 
 CELL_M = 0.05
 SAMPLE_S = 20
 """Robots weigh their maps for the record so often: here nobody reads that."""
+EXACT_M = 0.001
+"""Sigma of the ground as it is."""
 RECON = "recon"
 CLIFFBOT = "cliffbot"
 
@@ -48,7 +54,7 @@ def trials(options: Options) -> Sequence[Trial]:
         raise UsageError(f"--sensor {sensor}: must be one of {', '.join(SENSORS)}")
     cell_m = options.number("cell_m", CELL_M)
     sets = [f"sensor.kind={sensor}", f"air={options.one('air', 'memory')}", f"map.cell_m={cell_m}"]
-    sets += [f"sample_s={SAMPLE_S}"]
+    sets += [f"sample_s={SAMPLE_S}", "ends=descent"]
     file = options.one("world.terrain.file", "")
     sets += [f"world.terrain.file={file}"] if file else []
     sets += options.sets.get("scenario", ())
@@ -77,8 +83,19 @@ def measure(trial: Trial) -> Sequence[Row]:
     eyes_m = [(float(row["x_m"]), float(row["y_m"])) for row in looks]
     row: Row = {"seed": trial.seed, **_ending(result, events), "looks": len(looks)}
     row |= legs(events)
+    row["way_exists"] = way_exists(result.stage)
     row["recon_pose_rms_m"] = result.summary["robots"][RECON]["pose_error_rms_m"]
     return [{**row, **accuracy(result, eyes_m), **by_class(result, eyes_m)}]
+
+
+def way_exists(stage: Stage) -> bool:
+    """Say whether the Cliff-bot's own rule allows a way down on the ground as it is."""
+    terrain, scenario = stage.terrain, stage.scenario
+    assert isinstance(terrain, Terrain)
+    assert stage.goal_m is not None
+    truth_m = terrain.elevation_m.astype(np.float64)
+    ground = (terrain.frame, scenario.drive, truth_m, np.full(truth_m.shape, EXACT_M))
+    return safe_path(*ground, stage.starts[CLIFFBOT], stage.goal_m) is not None
 
 
 def _table(out: Path, name: str) -> list[dict[str, str]]:
@@ -98,8 +115,14 @@ def _ending(result: RunResult, events: Sequence[dict[str, str]]) -> Row:
         "reached": reached,
         "knew_a_way": mission["safe_path_at_s"] is not None,
         "simulated_s": float(result.summary["simulated_s"]),
-        "reason": str(result.summary["outcome_reason"]),
+        "reason": _why(events) or str(result.summary["outcome_reason"]),
     }
+
+
+def _why(events: Sequence[dict[str, str]]) -> str:
+    """Return what the Cliff-bot said when it gave up; empty if it did not."""
+    said = [e["detail"] for e in events if e["robot"] == CLIFFBOT and e["what"] == "stuck"]
+    return said[-1] if said else ""
 
 
 def legs(events: Sequence[dict[str, str]]) -> Row:

@@ -27,9 +27,8 @@ WHERE = {
 def conclude(rows: Sequence[Row]) -> Findings:
     """Return what became of each mission, errors by kind of ground, and the verdicts."""
     errors = [claim for key in LIMITS_M if (claim := _right(rows, key))]
-    return Findings(
-        [_became(rows), _errors(rows), _sums(rows)], [_well(rows), _down(rows), *errors]
-    )
+    tables = [_became(rows), *_failures(rows), _errors(rows), _sums(rows)]
+    return Findings(tables, [_well(rows), _down(rows), *errors])
 
 
 def count(rows: Sequence[Row], became: str) -> int:
@@ -58,6 +57,23 @@ def _seeds(rows: Sequence[Row], became: str) -> str:
     if became == "down":
         return ""
     return " ".join(str(row["seed"]) for row in rows if row["became"] == became)
+
+
+def _failures(rows: Sequence[Row]) -> list[Table]:
+    """Return the missions that ended otherwise than down, one by one; none if all did."""
+    lines: list[list[Cell]] = [
+        [
+            str(row["seed"]),
+            BECAME[str(row["became"])],
+            "yes" if row["way_exists"] else "no",
+            str(row["reason"]),
+        ]
+        for row in rows
+        if row["became"] != "down"
+    ]
+    columns = ["seed", "the Cliff-bot", "a safe way exists", "what was said"]
+    title = "Missions that ended otherwise than down"
+    return [Table("failures", title, columns, lines)] if lines else []
 
 
 def _errors(rows: Sequence[Row]) -> Table:
@@ -106,7 +122,11 @@ def _well(rows: Sequence[Row]) -> Claim:
 def _down(rows: Sequence[Row]) -> Claim:
     down = count(rows, "down")
     text = "it gets down without touching a hazard in 95 of 100"
-    found = f"{down} of {len(rows)} missions; in {count(rows, 'stayed')} it stayed and said so"
+    ways = sum(bool(row["way_exists"]) for row in rows)
+    found = (
+        f"{down} of {len(rows)} missions, in {ways} of which the ground as it is has a safe way;"
+        f" in {count(rows, 'stayed')} it stayed and said so"
+    )
     return Claim(text, "ours", down >= LEAST_WELL * len(rows), down / len(rows), found)
 
 

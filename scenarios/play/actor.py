@@ -107,7 +107,11 @@ REASONS = {
     "fault": "a robot's own program failed",
     "nobody left": "no robot was left",
     "settled": "",
+    "descended": "",
 }
+
+
+SETTLED = "the mission is over and the maps have settled"
 
 
 def conclude(
@@ -133,7 +137,8 @@ def conclude(
     outcome: Outcome = "complete" if not shortcomings else "partial"
     if not worked or ending in ("fault", "nobody left"):
         outcome = "failed"
-    reason = "; ".join(shortcomings) or "the mission is over and the maps have settled"
+    over = "the Cliff-bot is down" if ending == "descended" else SETTLED
+    reason = "; ".join(shortcomings) or over
     return Ending(simulated_s, outcome, reason, mission)
 
 

@@ -171,10 +171,18 @@ class Play(Fates):
 
     def _check(self) -> None:
         """See, every few seconds of simulated time, whether everything is done."""
-        if not self.agenda.holds_end and self._settled():
+        if self.scenario.ends == "descent" and self._descended():
+            self.ending = "descended"
+        elif not self.agenda.holds_end and self._settled():
             self.ending = "settled"
         else:
             self.at(self.now_ns + from_s(CHECK_S), self._check)
+
+    def _descended(self) -> bool:
+        """Say whether the Cliff-bots are down, or stay."""
+        bots = [actor for actor in self.actors.values() if actor.role == "cliffbot"]
+        last = {event.what for bot in bots for event in bot.events}
+        return bool(last & {"reached", "stuck"})
 
     def _settled(self) -> bool:
         """Say whether all are done, and those who hear each other have the same maps."""

@@ -29,6 +29,9 @@ def _team(scenario: "Scenario") -> list[Conflict]:
     if counts["anchor"] != 2 * min(counts["cliffbot"], 1):
         sentence = "a cliffbot hangs on two tethers: it needs exactly two anchors, others have none"
         conflicts.append(Conflict("robots", roles, sentence))
+    if scenario.ends == "descent" and not counts["cliffbot"]:
+        sentence = "nobody goes down; without a cliffbot it must be maps"
+        conflicts.append(Conflict("ends", scenario.ends, sentence))
     for name, robot in scenario.robots.items():
         if (robot.join_s or 0.0) >= scenario.limit_s:
             sentence = f"must be below limit_s = {plain(scenario.limit_s)}"

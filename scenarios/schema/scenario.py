@@ -50,6 +50,9 @@ class Scenario(Settings):
     """Of all randomness."""
     limit_s: Annotated[float, Field(gt=0, le=2_592_000)]
     """Simulated time at which the run ends at the latest."""
+    ends: Literal["maps", "descent"] = "maps"
+    """When it is over: when all are done and their maps have settled, or as soon as the Cliff-bot
+    is down, or has said that it stays."""
     sample_s: Annotated[float, Field(ge=0.1, le=60)] = 5.0
     """How often each robot's map is weighed for the record, in simulated seconds."""
     air: Literal["zenoh", "memory"] = "zenoh"

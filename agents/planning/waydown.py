@@ -1,0 +1,239 @@
+"""The way down for a robot on tethers: where the map shows one, and what is still to be asked.
+
+Where no way is safe yet, the most hopeful one is planned over ground that is not known to be bad.
+What keeps it from being safe are its open questions: who maps looks there first.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from agents.geometry import Bools, Floats, GridFrame, Pose
+from agents.ground import descent, markov, surface
+from agents.ground.paths import path_to, straight_legs, travel_field
+from agents.settings import DriveSettings
+
+GOAL_M = 1.0
+"""The Cliff-bot has arrived when it stands this near its goal: the goal itself may be barred."""
+STAND_M = 0.25
+"""It stands where it stands, so one can stand there, and so far about it."""
+STAND_COST = 10.0
+"""Cost of a metre at its own stand, where the map would forbid it."""
+ROOMS_M = (2.0 * surface.CLEARANCE_M, surface.CLEARANCE_M)
+"""Room that it leaves to hazards besides its own circle: the more, if there is such a way."""
+ASKING = 4.0
+"""By how much a metre costs more that nobody has seen, or not sharply, in a hopeful plan."""
+SHARP = 0.25
+"""A rock is believed that was measured to this share of a wheel; of others one may ask again."""
+ROCKY = 40.0
+"""By how much one does on which the map shows a rock: it may be noise, or seen too low."""
+TIRED = 6.0
+"""After so many looks that were to show a place and did not, it costs twice as much."""
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Somebody who waits to go down, or is on the way."""
+
+    stand: Pose
+    goal_m: Point
+    asked: Floats
+    """(H, W) for how many looks a cell was an open question."""
+
+
+@dataclass(frozen=True)
+class Hope:
+    """The most hopeful way down, and what is not known of it."""
+
+    path_m: Floats
+    """(N, 2)."""
+    unseen: Bools
+    """(H, W) cells beside it that nobody has seen; `blurred` and `rock` likewise."""
+    blurred: Bools
+    rock: Bools
+
+    @property
+    def questions(self) -> Bools:
+        """(H, W) all cells that keep it from being safe."""
+        return self.unseen | self.blurred | self.rock
+
+    def told(self, cell_m: float) -> str:
+        """Return in words what keeps it from being safe."""
+        names = {"unseen": self.unseen, "blurred": self.blurred, "rock": self.rock}
+        parts = [f"{cells.sum() * cell_m**2:.1f} m2 {name}" for name, cells in names.items()]
+        length_m = float(np.hypot(*np.diff(self.path_m, axis=0).T).sum())
+        return f"the best way left is {length_m:.1f} m long: {', '.join(parts)}"
+
+
+def safe_path(
+    frame: GridFrame,
+    drive: DriveSettings,
+    elevation_m: Floats,
+    sigma_m: Floats,
+    stand: Pose,
+    goal_m: Point,
+    *,
+    strict: bool = False,
+) -> Floats | None:
+    """Return a way (N, 2) over known and safe ground from a stand to a goal, or None.
+
+    Args:
+        frame: the map's grid.
+        drive: the robot's sizes.
+        elevation_m: (H, W), NaN where unknown.
+        sigma_m: (H, W) of each cell against the ground next to it.
+        stand: where it stands; what the map forbids there is allowed.
+        goal_m: where it is to go; it is enough to come within `GOAL_M`.
+        strict: bar what may be a rock, too (`descent.descent_cost`): for who may still wait.
+    """
+    stand_m = (stand.x_m, stand.y_m)
+    elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, stand)
+    if not _may_lead(frame, drive, ~np.isnan(elevation_m), stand_m, goal_m):
+        return None
+    for room_m in ROOMS_M:
+        sizes = _sizes(frame, drive, room_m)
+        cost = descent.descent_cost(elevation_m, sigma_m, **sizes, strict=strict)
+        if (path_m := _way(frame, cost, stand_m, goal_m)) is not None:
+            return path_m
+    return None
+
+
+def hopeful(
+    frame: GridFrame, drive: DriveSettings, elevation_m: Floats, sigma_m: Floats, down: Descent
+) -> Hope | None:
+    """Return the most hopeful way down; None where it would begin or end off the map.
+
+    Ground that was not seen, or not sharply, costs more, and more the oftener it was asked about.
+    """
+    elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, down.stand)
+    sizes = _sizes(frame, drive)
+    reach_m = 0.5 * sizes["footprint_m"]
+    bars = descent.barred(elevation_m, sigma_m, **sizes, strict=True)
+    unknown, rock = bars.unseen | bars.blurred, bars.rock & ~bars.unseen
+
+    def beside(cells: Bools) -> Bools:
+        return markov.distance_to_known_m(cells, frame.cell_m) <= reach_m
+
+    weight = ASKING * beside(unknown) + ROCKY * beside(rock)
+    weight = weight * (
+        1.0 + surface.mean_over(down.asked, surface.odd_cells(2.0 * reach_m, frame.cell_m)) / TIRED
+    )
+    stand_m = (down.stand.x_m, down.stand.y_m)
+    path_m = _way(frame, 1.0 + weight, stand_m, down.goal_m)
+    if path_m is None:
+        return None
+    along = beside(_on(frame, path_m)) & ~within(frame, stand_m, STAND_M)
+    return Hope(path_m, bars.unseen & along, bars.blurred & along, rock & along)
+
+
+def open_questions(
+    frame: GridFrame, drive: DriveSettings, elevation_m: Floats, sigma_m: Floats, down: Descent
+) -> Bools:
+    """Return the cells (H, W) at which to look so that somebody may go down.
+
+    By the strict rule; none if it may by that.
+    """
+    ground = (frame, drive, elevation_m, sigma_m)
+    if safe_path(*ground, down.stand, down.goal_m, strict=True) is None:
+        hope = hopeful(*ground, down)
+        if hope is not None:
+            # A rock that was seen sharply is one.
+            return hope.unseen | hope.blurred | (hope.rock & (sigma_m > SHARP * drive.wheel_m))
+    return np.zeros(frame.shape, dtype=np.bool_)
+
+
+def with_stand(
+    frame: GridFrame, drive: DriveSettings, elevation_m: Floats, sigma_m: Floats, stand: Pose
+) -> tuple[Floats, Floats]:
+    """Return elevation and sigma with the ground under a robot's wheels known.
+
+    No camera sees the ground that a robot stands on, but it stands there. Its height is completed
+    from the ground about it: one height for all of it would be a terrace on a slope, with a step
+    all round that no wheel may take. Where nothing is known about it, it is the robot's own.
+    """
+    under = within(frame, (stand.x_m, stand.y_m), 0.75 * drive.footprint_m)
+    unseen = under & np.isnan(elevation_m)
+    if not unseen.any():
+        return elevation_m, sigma_m
+    elevation_m, sigma_m = elevation_m.copy(), sigma_m.copy()
+    rows, cols = np.nonzero(under)
+    margin = math.ceil(0.5 * drive.footprint_m / frame.cell_m)
+    window = (
+        slice(max(0, int(rows.min()) - margin), int(rows.max()) + margin + 1),
+        slice(max(0, int(cols.min()) - margin), int(cols.max()) + margin + 1),
+    )
+    about = elevation_m[window]
+    known = not np.isnan(about).all()
+    whole = markov.complete(about) if known else np.full(about.shape, stand.z_m)
+    elevation_m[window] = np.where(unseen[window], whole, about)
+    sigma_m[unseen] = 0.25 * drive.wheel_m
+    return elevation_m, sigma_m
+
+
+def within(frame: GridFrame, point_m: Point, radius_m: float) -> Bools:
+    """Return the cells (H, W) within a radius of a point."""
+    return distance_to(frame, point_m) <= radius_m
+
+
+def distance_to(frame: GridFrame, point_m: Point) -> Floats:
+    """Return each cell's distance (H, W) to a point, metres."""
+    x_m = frame.x_m + (np.arange(frame.cols) + 0.5) * frame.cell_m - point_m[0]
+    y_m = frame.y_m + (np.arange(frame.rows) + 0.5) * frame.cell_m - point_m[1]
+    return np.hypot(x_m[None], y_m[:, None])
+
+
+def _sizes(
+    frame: GridFrame, drive: DriveSettings, room_m: float = surface.CLEARANCE_M
+) -> dict[str, float]:
+    footprint_m = drive.footprint_m + 2 * room_m
+    return {"cell_m": frame.cell_m, "footprint_m": footprint_m, "wheel_m": drive.wheel_m}
+
+
+def _may_lead(
+    frame: GridFrame, drive: DriveSettings, known: Bools, stand_m: Point, goal_m: Point
+) -> bool:
+    """Say whether seen ground joins the two at all: where it does not, nothing else need be asked.
+
+    It is the cheapest part of `descent_cost`, and bars no more than that does.
+    """
+    start = frame.cell_of(*stand_m)
+    if not frame.holds(*start):
+        return False
+    unseen = markov.distance_to_known_m(known, frame.cell_m) > drive.wheel_m
+    gap_m = markov.distance_to_known_m(unseen, frame.cell_m)
+    open_ground = (gap_m > 0.5 * _sizes(frame, drive)["footprint_m"]) | within(
+        frame, stand_m, STAND_M
+    )
+    _, labels = cv2.connectedComponents(open_ground.astype(np.uint8), connectivity=8)
+    return bool((labels[within(frame, goal_m, GOAL_M)] == labels[start]).any())
+
+
+def _way(frame: GridFrame, cost: Floats, stand_m: Point, goal_m: Point) -> Floats | None:
+    """Return the cheapest way (N, 2) from a stand to where it comes nearest to the goal."""
+    start = frame.cell_of(*stand_m)
+    if not frame.holds(*start):
+        return None
+    stands = within(frame, stand_m, STAND_M)
+    cost = cost.copy()
+    cost[stands] = np.minimum(cost[stands], STAND_COST)
+    distance_m, parent = travel_field(cost, np.array([start]), frame.cell_m)
+    near = np.where(np.isfinite(distance_m), distance_to(frame, goal_m), np.inf)
+    end = np.unravel_index(int(np.argmin(near)), frame.shape)
+    if near[end] > GOAL_M:
+        return None
+    cells = straight_legs(path_to(parent, (int(end[0]), int(end[1]))), cost)
+    return np.array([frame.centre_of(int(row), int(col)) for row, col in cells])
+
+
+def _on(frame: GridFrame, path_m: Floats) -> Bools:
+    """Return the cells (H, W) that a way (N, 2) leads over."""
+    on = np.zeros(frame.shape, dtype=np.bool_)
+    for a, b in itertools.pairwise(path_m):
+        count = 1 + math.ceil(2.0 * math.dist(a, b) / frame.cell_m)
+        on |= frame.mask_of(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))
+    return on

@@ -1,0 +1,148 @@
+"""Ways down and what is still to be asked of them, on ground made by hand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from agents.geometry import Floats, GridFrame, Pose
+from agents.ground.descent import descent_cost
+from agents.ground.surface import CLEARANCE_M
+from agents.planning.waydown import (
+    GOAL_M,
+    STAND_M,
+    Descent,
+    hopeful,
+    open_questions,
+    safe_path,
+    with_stand,
+    within,
+)
+from agents.settings import DriveSettings
+
+CELL_M = 0.2
+SHAPE = (60, 40)
+FRAME = GridFrame(0.0, 0.0, CELL_M, *SHAPE)
+DRIVE = DriveSettings()
+STAND = Pose(4.0, 10.0, 0.0, 0.0)
+GOAL = (4.0, 2.0)
+SHARP = np.full(SHAPE, 0.02)
+
+
+def down(asked: Floats | None = None) -> Descent:
+    return Descent(STAND, GOAL, np.zeros(SHAPE) if asked is None else asked)
+
+
+def strip(elevation: Floats, south_m: float, north_m: float, value: float) -> Floats:
+    out = elevation.copy()
+    out[round(south_m / CELL_M) : round(north_m / CELL_M)] = value
+    return out
+
+
+def test_level_ground_that_was_seen_is_a_way_and_leaves_nothing_to_ask() -> None:
+    level = np.zeros(SHAPE)
+    path_m = safe_path(FRAME, DRIVE, level, SHARP, STAND, GOAL)
+    assert path_m is not None
+    assert np.hypot(*(path_m[-1] - GOAL)) <= GOAL_M
+    assert not open_questions(FRAME, DRIVE, level, SHARP, down()).any()
+
+
+def test_what_nobody_saw_is_asked_where_the_way_crosses_it() -> None:
+    unseen = strip(np.zeros(SHAPE), 5.0, 7.0, np.nan)
+    assert safe_path(FRAME, DRIVE, unseen, SHARP, STAND, GOAL) is None
+    asked = open_questions(FRAME, DRIVE, unseen, SHARP, down())
+    rows, cols = np.nonzero(asked)
+    y_m, x_m = (rows + 0.5) * CELL_M, (cols + 0.5) * CELL_M
+    assert asked.any()
+    assert (y_m.min() > 5.0) & (y_m.max() < 7.0)
+    assert np.abs(x_m - 4.0).max() < DRIVE.footprint_m  # the straight way is the shortest
+
+
+def test_what_was_seen_badly_is_asked_too() -> None:
+    blurred = strip(SHARP, 5.0, 7.0, 0.15)
+    level = np.zeros(SHAPE)
+    assert safe_path(FRAME, DRIVE, level, blurred, STAND, GOAL) is None
+    hope = hopeful(FRAME, DRIVE, level, blurred, down())
+    assert hope is not None
+    assert hope.blurred.any()
+    assert not (hope.unseen | hope.rock).any()
+    assert "0.0 m2 unseen" in hope.told(CELL_M)
+
+
+def test_a_hopeful_way_rather_asks_than_climbs_a_wall() -> None:
+    wall = strip(np.zeros(SHAPE), 5.0, 7.0, 1.0)
+    wall[:, 25:37] = np.where(wall[:, 25:37] > 0, np.nan, 0.0)  # nobody saw whether it goes on
+    hope = hopeful(FRAME, DRIVE, wall, SHARP, down())
+    assert hope is not None
+    assert 25 * CELL_M < hope.path_m[:, 0].max() < 37 * CELL_M
+    assert hope.unseen.sum() > hope.rock.sum()
+
+
+def test_what_was_asked_often_in_vain_is_gone_round() -> None:
+    unseen = strip(np.zeros(SHAPE), 5.0, 7.0, np.nan)
+    first = open_questions(FRAME, DRIVE, unseen, SHARP, down())
+    then = open_questions(FRAME, DRIVE, unseen, SHARP, down(60.0 * first))
+    assert (first & then).sum() < 0.2 * first.sum()
+
+
+def test_a_rock_that_was_seen_sharply_is_not_asked_again() -> None:
+    wall = strip(np.zeros(SHAPE), 5.8, 6.2, 1.0)
+    assert not open_questions(FRAME, DRIVE, wall, SHARP, down()).any()
+    hope = hopeful(FRAME, DRIVE, wall, SHARP, down())
+    assert hope is not None
+    assert hope.rock.any()
+
+
+def test_ground_under_the_wheels_goes_on_as_that_about_them() -> None:
+    slope = np.tile(0.5 * CELL_M * np.arange(SHAPE[0])[:, None], (1, SHAPE[1]))
+    hole = slope.copy()
+    hole[47:53, 17:23] = np.nan
+    elevation_m, sigma_m = with_stand(FRAME, DRIVE, hole, np.full(SHAPE, np.inf), STAND)
+    filled = np.isnan(hole) & ~np.isnan(elevation_m)
+    assert filled.sum() > 20
+    assert np.abs(elevation_m - slope)[filled].max() < 0.01
+    assert sigma_m[FRAME.cell_of(4.0, 10.0)] == pytest.approx(0.25 * DRIVE.wheel_m)
+    assert np.isnan(hole[50, 20])  # what was given is left as it was
+
+
+def test_where_nothing_is_known_wheels_tell_their_own_height() -> None:
+    nothing = np.full(SHAPE, np.nan)
+    stand = replace(STAND, z_m=0.3)
+    elevation_m, _ = with_stand(FRAME, DRIVE, nothing, np.full(SHAPE, np.inf), stand)
+    assert np.nanmax(elevation_m) == np.nanmin(elevation_m) == pytest.approx(0.3)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.02, 0.6))
+def test_the_quick_look_at_what_was_seen_hides_no_way(seed: int, share: float) -> None:
+    """`safe_path` leaves off early: it may only do so where the whole rule shows no way either."""
+    rng = np.random.default_rng(seed)
+    elevation_m = np.zeros(SHAPE)
+    blocks = rng.random((SHAPE[0] // 4, SHAPE[1] // 4)) < share
+    elevation_m[np.kron(blocks, np.ones((4, 4))) > 0] = np.nan
+    if safe_path(FRAME, DRIVE, elevation_m, SHARP, STAND, GOAL) is not None:
+        return
+    filled, sigma_m = with_stand(FRAME, DRIVE, elevation_m, SHARP, STAND)
+    footprint_m = DRIVE.footprint_m + 2 * CLEARANCE_M
+    cost = descent_cost(
+        filled, sigma_m, cell_m=CELL_M, footprint_m=footprint_m, wheel_m=DRIVE.wheel_m
+    )
+    row, col = FRAME.cell_of(STAND.x_m, STAND.y_m)
+    may = np.isfinite(cost) | within(FRAME, (STAND.x_m, STAND.y_m), STAND_M)
+    reached = np.zeros(SHAPE, dtype=bool)
+    reached[row, col] = True
+    while True:  # flood it, by sides only: a robot may cut corners nowhere
+        grown = reached.copy()
+        grown[1:] |= reached[:-1]
+        grown[:-1] |= reached[1:]
+        grown[:, 1:] |= reached[:, :-1]
+        grown[:, :-1] |= reached[:, 1:]
+        grown &= may
+        if (grown == reached).all():
+            break
+        reached = grown
+    rows, cols = np.nonzero(reached)
+    away_m = np.hypot((cols + 0.5) * CELL_M - GOAL[0], (rows + 0.5) * CELL_M - GOAL[1])
+    assert away_m.min() > GOAL_M
