@@ -22,7 +22,7 @@ LOW = 0.8
 """On tethers, what stands out by this share of a wheel is a rock, though it might be noise, if two
 by two cells show it (after a mean, `surface.CALM_ROCK` of it); a single cell by a whole wheel."""
 SHARPER = 0.35
-"""As `SURE`, for who still hopes for a better map."""
+"""As `SURE`, by the strict rule."""
 
 
 class Barred(NamedTuple):

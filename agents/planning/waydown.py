@@ -77,10 +77,10 @@ def safe_path(
     sigma_m: Floats,
     stand: Pose,
     goal_m: Point,
-    *,
-    strict: bool = False,
 ) -> Floats | None:
     """Return a way (N, 2) over known and safe ground from a stand to a goal, or None.
+
+    By the strict rule of `descent.descent_cost`: who hangs on tethers may rather wait.
 
     Args:
         frame: the map's grid.
@@ -89,7 +89,6 @@ def safe_path(
         sigma_m: (H, W) of each cell against the ground next to it.
         stand: where it stands; what the map forbids there is allowed.
         goal_m: where it is to go; it is enough to come within `GOAL_M`.
-        strict: bar what may be a rock, too (`descent.descent_cost`): for who may still wait.
     """
     stand_m = (stand.x_m, stand.y_m)
     elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, stand)
@@ -97,7 +96,7 @@ def safe_path(
         return None
     for room_m in ROOMS_M:
         sizes = _sizes(frame, drive, room_m)
-        cost = descent.descent_cost(elevation_m, sigma_m, **sizes, strict=strict)
+        cost = descent.descent_cost(elevation_m, sigma_m, **sizes, strict=True)
         if (path_m := _way(frame, cost, stand_m, goal_m)) is not None:
             return path_m
     return None
@@ -134,12 +133,9 @@ def hopeful(
 def open_questions(
     frame: GridFrame, drive: DriveSettings, elevation_m: Floats, sigma_m: Floats, down: Descent
 ) -> Bools:
-    """Return the cells (H, W) at which to look so that somebody may go down.
-
-    By the strict rule; none if it may by that.
-    """
+    """Return the cells (H, W) at which to look so that somebody may go down; none if it may now."""
     ground = (frame, drive, elevation_m, sigma_m)
-    if safe_path(*ground, down.stand, down.goal_m, strict=True) is None:
+    if safe_path(*ground, down.stand, down.goal_m) is None:
         hope = hopeful(*ground, down)
         if hope is not None:
             # A rock that was seen sharply is one.
