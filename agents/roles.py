@@ -262,7 +262,7 @@ def why_not(robot: Robot, goal: tuple[float, float]) -> str:
     settings = robot.settings
     down = Descent(robot.pose, goal, np.zeros(settings.frame.shape))
     hope = hopeful(settings.frame, settings.drive, *_ground(robot), down)
-    why = "" if hope is None else f": {hope.told(settings.frame.cell_m)}"
+    why = "" if hope is None else f": {hope.told()}"
     return f"no safe way down is known{why}"
 
 
