@@ -87,10 +87,10 @@ def safe_path(
     sigma_m: Floats,
     stand: Pose,
     goal_m: Point,
+    *,
+    strict: bool = True,
 ) -> Floats | None:
     """Return a way (N, 2) over known and safe ground from a stand to a goal, or None.
-
-    By the strict rule of `descent.descent_cost`: who hangs on tethers may rather wait.
 
     Args:
         frame: the map's grid.
@@ -99,6 +99,7 @@ def safe_path(
         sigma_m: (H, W) of each cell against the ground next to it.
         stand: where it stands; what the map forbids there is allowed.
         goal_m: where it is to go; it is enough to come within `GOAL_M`.
+        strict: bar what may be a rock, too (`descent.descent_cost`): for who may still wait.
     """
     stand_m = (stand.x_m, stand.y_m)
     relief = relief_of(frame, drive, elevation_m, sigma_m, stand)
@@ -106,7 +107,7 @@ def safe_path(
         return None
     for room_m in ROOMS_M:
         sizes = _sizes(relief.frame, drive, room_m)
-        cost = descent.descent_cost(relief.elevation_m, relief.sigma_m, **sizes, strict=True)
+        cost = descent.descent_cost(relief.elevation_m, relief.sigma_m, **sizes, strict=strict)
         if (path_m := _way(relief.frame, cost, stand_m, goal_m)) is not None:
             return path_m
     return None
