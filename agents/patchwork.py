@@ -1,22 +1,21 @@
 """Submaps laid over one another on the team's grid, tile by tile: only what changed is laid anew.
 
 Within one origin the surest submap of each cell counts; over origins information adds up. What an
-anchor's covariance adds to a cell may depend on the cells next to it, as on a slope: a tile is laid
-with as many cells around it as its kind of map says, and where there are such, a tile that changes
-makes those beside it stale too.
+anchor's covariance adds to a cell may depend on the cells next to it, as on a slope: where the kind
+of map says so, a tile that changes makes those beside it stale too.
 """
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Generic
 
 from agents.layers import Anchor
-from agents.maps.kind import EVERYWHERE, E, MapKind, S, Window
+from agents.maps.kind import EVERYWHERE, Beside, E, MapKind, S, Window
 from agents.store import AnchorKey, Origin
-from agents.tiles import TileGrid, inside, overlap, shape_of
+from agents.tiles import TileGrid, shape_of
 
 
 @dataclass(frozen=True)
@@ -29,10 +28,17 @@ class Sheet(Generic[E]):
     """What is drawn of a tile, before the anchor is applied; None: nothing."""
     revision: int
     """Grows with every change of the drawing."""
+    stamps: Mapping[int, int] | None = None
+    """By tile, a number that grows with every change of it or of those beside it; None: those that
+    change at all change as a whole."""
     on: Collection[int] | None = None
     """The tiles on which anything may be drawn; None: any."""
     is_own: bool = False
     """It is drawn in two ways, as measured and as sent: what is laid of it is not kept."""
+
+    def stamp(self, tile: int) -> int:
+        """Return a number that what is laid of a tile has for as long as it does not change."""
+        return self.revision if self.stamps is None else self.stamps.get(tile, 0)
 
 
 class Laid(Generic[E]):
@@ -48,14 +54,14 @@ class Laid(Generic[E]):
     def find(self, sheet: Sheet[E], tile: int) -> E | None:
         """Return what was laid of a tile, if the sheet and its anchor are what they were."""
         known = self._kept.get((sheet.key, tile))
-        if known is None or known[:2] != (sheet.revision, sheet.anchor):
+        if known is None or known[:2] != (sheet.stamp(tile), sheet.anchor):
             return None
         return known[2]
 
     def keep(self, sheet: Sheet[E], tile: int, patch: E) -> None:
         """Keep what was laid of a tile."""
         if not sheet.is_own:
-            self._kept[sheet.key, tile] = (sheet.revision, sheet.anchor, patch)
+            self._kept[sheet.key, tile] = (sheet.stamp(tile), sheet.anchor, patch)
 
 
 class Patchwork(Generic[S, E]):
@@ -75,8 +81,7 @@ class Patchwork(Generic[S, E]):
         """
         self._kind, self._grid = kind, grid
         self._laid, self._counts_bits = laid, counts_bits
-        self._margin = kind.margin_cells if laid is not None else 0
-        self._seams: dict[int, list[tuple[int, Window, Window]]] = {}
+        self._looks_beside = kind.looks_beside and laid is not None
         self._whole: E | None = None
         self._stale = set(grid.tiles)
         self._bits: dict[int, dict[Origin, float]] = {}
@@ -88,7 +93,7 @@ class Patchwork(Generic[S, E]):
         """Note that something in some tiles is drawn anew."""
         for tile in tiles:
             self._stale.add(tile)
-            if self._margin:
+            if self._looks_beside:
                 self._stale.update(self._grid.beside(tile))
 
     def all_changed(self) -> None:
@@ -163,32 +168,18 @@ class Patchwork(Generic[S, E]):
         known = self._laid.find(sheet, tile)
         if known is not None:
             return known
-        window = self._grid.window(tile, self._margin)
-        drawing = self._with_margin(sheet, tile, window) if self._margin else core
-        blurred = self._kind.blurred(drawing, sheet.anchor, self._grid.frame, window)
-        patch = self._kind.cut(blurred, inside(self._grid.window(tile), window))
+        window, around = self._grid.window(tile), self._around(sheet, tile)
+        patch = self._kind.blurred(core, sheet.anchor, self._grid.frame, window, *around)
         self._laid.keep(sheet, tile, patch)
         return patch
 
-    def _with_margin(self, sheet: Sheet[E], tile: int, window: Window) -> E:
-        """Return what is drawn of a tile and, in a larger window, of those beside it."""
-        drawing = self._kind.blank(shape_of(window))
-        for near, theirs, ours in self._seams_of(tile, window):
-            piece = sheet.tile(near)
-            if piece is not None:
-                self._kind.paste(drawing, ours, self._kind.cut(piece, theirs))
-        return drawing
-
-    def _seams_of(self, tile: int, window: Window) -> list[tuple[int, Window, Window]]:
-        """Return which tiles reach into a tile's larger window: where in them, and where in it."""
-        if tile not in self._seams:
-            found: list[tuple[int, Window, Window]] = []
-            for near in (tile, *self._grid.beside(tile)):
-                there = self._grid.window(near)
-                both = overlap(there, window)
-                found.append((near, inside(both, there), inside(both, window)))
-            self._seams[tile] = found
-        return self._seams[tile]
+    def _around(self, sheet: Sheet[E], tile: int) -> tuple[Beside[E]] | tuple[()]:
+        """Return what is drawn around a tile, if that is asked for."""
+        if not self._looks_beside:
+            return ()
+        near = (None if at is None else sheet.tile(at) for at in self._grid.sides(tile))
+        south, north, west, east = near
+        return ((south, north, west, east),)
 
     def _placed(self, sheet: Sheet[E]) -> Sheet[E]:
         """Return a sheet whose tiles are those where its anchor puts them."""
@@ -202,7 +193,7 @@ class Patchwork(Generic[S, E]):
             windows = {tile: self._grid.window(tile) for tile in self._grid.touched(moved.known)}
             tiles = {tile: self._copy(moved, window) for tile, window in windows.items()}
             known = self._moved[sheet.key] = (mark, tiles)
-        return replace(sheet, tile=known[1].get, on=known[1])
+        return replace(sheet, tile=known[1].get, stamps=None, on=known[1])
 
     def _copy(self, drawing: E, window: Window) -> E:
         """Return a window that does not keep the whole in memory."""

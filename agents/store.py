@@ -116,6 +116,8 @@ class Store:
     def __init__(self) -> None:
         """Make an empty store."""
         self._tiles: dict[TileKey, dict[int, Version]] = {}
+        self._marks: dict[TileKey, int] = {}
+        """What each tile adds to the whole's mark."""
         self.anchors: dict[AnchorKey, Anchor] = {}
         self._digest = ""
         self._mark = 0
@@ -150,14 +152,15 @@ class Store:
                 f"tile {tuple(chunk.key)} version {chunk.version}: a chunk says {chunk.total} "
                 f"bytes in all, an earlier one {version.total}"
             )
-        before = _mark_of_tile(chunk.key, versions)
         if not version.add(chunk.offset, chunk.data):
             return False
         kept = _pruned({**versions, chunk.version: version})
         if chunk.version not in kept:
             return False
         self._tiles[chunk.key] = kept
-        self._mark ^= before ^ _mark_of_tile(chunk.key, kept)
+        mark = _mark_of_tile(chunk.key, kept)
+        self._mark ^= self._marks.get(chunk.key, 0) ^ mark
+        self._marks[chunk.key] = mark
         self._digest = ""
         return True
 
@@ -240,7 +243,7 @@ class Store:
             for key, held in self._tiles.items()
         }
         twin.anchors = {key: replace(anchor) for key, anchor in self.anchors.items()}
-        twin._mark = self._mark
+        twin._mark, twin._marks = self._mark, dict(self._marks)
         return twin
 
 

@@ -38,6 +38,7 @@ class TeamMap(Generic[S, E]):
         self._undrawn: set[TileKey] = set()
         """Tiles of which more is in the store than is drawn."""
         self._revisions: dict[AnchorKey, int] = {}
+        self._stamps: dict[AnchorKey, dict[int, int]] = {}
         self._known_cells: dict[AnchorKey, dict[int, int]] = {}
         self._decoded: dict[TileKey, list[tuple[tuple[int, int], E]]] = {}
         self._own_drawn: dict[tuple[int, int, bool], E | None] = {}
@@ -52,20 +53,26 @@ class TeamMap(Generic[S, E]):
     def tile_changed(self, key: TileKey) -> None:
         """Note that a tile's payload grew; it is decoded when somebody asks for the map."""
         self._undrawn.add(key)
-        if key.origin != self.me:  # of its own it has the whole
-            self._lies_anew(AnchorKey(*key[:3]), [key.tile])
 
     def _draw(self) -> None:
         """Draw all tiles whose payload grew."""
+        heard: dict[AnchorKey, list[int]] = {}
         for key in sorted(self._undrawn):
             anchor_key = AnchorKey(*key[:3])
+            if key[:2] != self.me:  # of its own it has the whole
+                heard.setdefault(anchor_key, []).append(key.tile)
             tile = self.tile_estimate(key)
             cells = int(tile.known.sum())
             if cells or key.tile in self._drawn.get(anchor_key, {}):
                 self._drawn.setdefault(anchor_key, {})[key.tile] = tile
                 self._known_cells.setdefault(anchor_key, {})[key.tile] = cells
                 self._revisions[anchor_key] = self._revisions.get(anchor_key, 0) + 1
+                stamps = self._stamps.setdefault(anchor_key, {})
+                for near in (key.tile, *self.grid.beside(key.tile)):
+                    stamps[near] = stamps.get(near, 0) + 1
         self._undrawn.clear()
+        for anchor_key, tiles in heard.items():
+            self._lies_anew(anchor_key, tiles)
 
     def anchor_changed(self, key: AnchorKey) -> None:
         """Note that a submap has an anchor now, or another one."""
@@ -129,6 +136,7 @@ class TeamMap(Generic[S, E]):
 
     def fused(self) -> E:
         """Return the team map as this robot plans on it: its own layer at full fineness."""
+        self._draw()
         return self._fused.laid(lambda: self._sheets(own_as_sent=False))
 
     def relative(self) -> E:
@@ -136,10 +144,12 @@ class TeamMap(Generic[S, E]):
 
         How sure the map is of its place as a whole does not matter to a wheel.
         """
+        self._draw()
         return self._relative.laid(lambda: self._sheets(own_as_sent=False))
 
     def as_heard(self) -> E:
         """Return the team map with the own cells no finer than team-mates can have them."""
+        self._draw()
         return self._heard.laid(lambda: self._sheets(own_as_sent=True))
 
     def layer_bits(self) -> dict[Origin, float]:
@@ -171,10 +181,9 @@ class TeamMap(Generic[S, E]):
 
         Without an anchor, or with one that is lost itself, nobody knows where a submap lies.
         """
-        self._draw()
         heard = [
-            Sheet(key, anchor, self._drawn[key].get, self._revisions[key], self._drawn[key])
-            for key in self._drawn
+            Sheet(key, anchor, tiles.get, self._revisions[key], self._stamps[key], tiles)
+            for key, tiles in self._drawn.items()
             if key[:2] != self.me and (anchor := self.store.anchors.get(key)) and anchor.is_located
         ]
         mine = [

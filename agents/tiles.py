@@ -89,23 +89,20 @@ class TileGrid:
             tile = tile * tiles + n
         return tile
 
-    def window(self, tile: int, margin: int = 0) -> Window:
-        """Return the cells of a tile; tiles at the north and east edge may be smaller.
-
-        With a margin of so many cells on each side, as far as the region goes.
-        """
-        known = self._windows.get((tile, margin))
+    def window(self, tile: int) -> Window:
+        """Return the cells of a tile; tiles at the north and east edge may be smaller."""
+        known = self._windows.get(tile)
         if known is None:
             side = self.tile_cells
             ahead = (n - first for n, first in zip(self.place(tile), self._corner, strict=True))
-            known = self._windows[tile, margin] = tuple(
-                slice(max(0, n * side - margin), min((n + 1) * side + margin, cells))
+            known = self._windows[tile] = tuple(
+                slice(n * side, min((n + 1) * side, cells))
                 for n, cells in zip(ahead, self.cells, strict=True)
             )
         return known
 
     @cached_property
-    def _windows(self) -> dict[tuple[int, int], Window]:
+    def _windows(self) -> dict[int, Window]:
         """The windows that were asked for: maps are laid by them all the time."""
         return {}
 
@@ -117,17 +114,29 @@ class TileGrid:
         """Return the tiles of the region that share an edge, or in space a face, with a tile."""
         known = self._beside.get(tile)
         if known is None:
-            place = self.place(tile)
-            found: list[int] = []
-            for axis, tiles in enumerate(self.along):
-                for n in (place[axis] - 1, place[axis] + 1):
-                    if 0 <= n < tiles:
-                        found.append(self.number((*place[:axis], n, *place[axis + 1 :])))
-            known = self._beside[tile] = tuple(other for other in found if other in self._held)
+            near = (other for other in self.sides(tile) if other is not None)
+            known = self._beside[tile] = tuple(near)
         return known
 
     @cached_property
     def _beside(self) -> dict[int, tuple[int, ...]]:
+        return {}
+
+    def sides(self, tile: int) -> tuple[int | None, ...]:
+        """Return the tiles before and behind a tile along each axis; None: not in the region."""
+        known = self._sides.get(tile)
+        if known is None:
+            place = self.place(tile)
+            found: list[int | None] = []
+            for axis, tiles in enumerate(self.along):
+                for n in (place[axis] - 1, place[axis] + 1):
+                    other = self.number((*place[:axis], n, *place[axis + 1 :]))
+                    found.append(other if 0 <= n < tiles and other in self._held else None)
+            known = self._sides[tile] = tuple(found)
+        return known
+
+    @cached_property
+    def _sides(self) -> dict[int, tuple[int | None, ...]]:
         return {}
 
     def centre_m(self, tile: int) -> tuple[float, float]:
@@ -151,17 +160,3 @@ class TileGrid:
 def shape_of(window: Window) -> Shape:
     """Return how many cells a window has along each axis."""
     return tuple(part.stop - part.start for part in window)
-
-
-def overlap(one: Window, other: Window) -> Window:
-    """Return what two windows of one grid share."""
-    return tuple(
-        slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one, other, strict=True)
-    )
-
-
-def inside(window: Window, frame: Window) -> Window:
-    """Return a window as counted from another one's corner."""
-    return tuple(
-        slice(a.start - b.start, a.stop - b.start) for a, b in zip(window, frame, strict=True)
-    )

@@ -83,7 +83,10 @@ class Reader:
         """Take a whole number from 0, below 2^35."""
         value = 0
         for place in range(VARINT_BYTES):
-            byte = self.byte()
+            if self._at >= len(self._data):
+                self.byte()  # which raises
+            byte = self._data[self._at]
+            self._at += 1
             value |= (byte & 0x7F) << (7 * place)
             if byte < 0x80:
                 return value

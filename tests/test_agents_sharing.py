@@ -37,7 +37,7 @@ from agents.messages import (
 )
 from agents.settings import SharingSettings
 from agents.sharing import Free, Heard, Mark
-from agents.sharing.beliefs import GUARD_S, KEPT_VERSIONS, Believed, Stretch
+from agents.sharing.beliefs import GUARD_S, KEPT_VERSIONS, Beliefs, Stretch, prefix_of
 from agents.sharing.repair import DEAF_FRAMES, Repair
 from agents.sharing.reports import Acks, Report, unpack_report
 from agents.store import AnchorKey, Chunk, Origin, Store, TileKey, Version
@@ -588,16 +588,18 @@ def test_who_relays_a_map_knows_its_levels_and_tells_coarse_things_first() -> No
 
 
 def test_many_versions_begun_do_not_make_one_forget_what_was_told_whole() -> None:
-    believed, key = Believed(), TileKey(0, 0, 0, 1)
-    believed.has(Stretch(key, 1, 26, 0, 26))
+    beliefs, key, mate = Beliefs([1]), TileKey(0, 0, 0, 1), 1 << 1
+    beliefs.have(mate, Stretch(key, 1, 26, 0, 26), 0.0)
     for number in range(2, 9):
-        believed.has(Stretch(key, number, 90, 0, 40))
+        beliefs.have(mate, Stretch(key, number, 90, 0, 40), 0.0)
     whole = Version(1, 26, bytearray(26), [(0, 26)])
-    assert believed.prefix_of(key, whole) == 26
-    assert all(believed.prefix_of(key, Version(n, 90, bytearray(90))) == 40 for n in range(2, 9))
-    believed.has(Stretch(key, 8, 90, 40, 90))
-    believed.has(Stretch(key, 9, 90, 0, 40))
-    assert len(believed.tiles[key]) <= KEPT_VERSIONS + 1, "older ones are of no use any more"
+    ((part, _),) = beliefs.parts_of(key, mate)
+    assert prefix_of(part, whole) == 26
+    assert all(prefix_of(part, Version(n, 90, bytearray(90))) == 40 for n in range(2, 9))
+    beliefs.have(mate, Stretch(key, 8, 90, 40, 90), 0.0)
+    beliefs.have(mate, Stretch(key, 9, 90, 0, 40), 0.0)
+    ((part, _),) = beliefs.parts_of(key, mate)
+    assert len(part) <= KEPT_VERSIONS + 1, "older ones are of no use any more"
 
 
 # --- who does not hear ----------------------------------------------------------------------
@@ -619,13 +621,13 @@ NOTHING_HEARD = Report((Acks(0, 0, 0),))
 def test_who_goes_on_hearing_nothing_is_deaf_but_not_who_has_only_come_back() -> None:
     repair = speaker(Store())
     repair.heard_report(1, NOTHING_HEARD, 60.0)
-    assert repair.listeners == []
+    assert repair.listeners == 0
     repair.heard(Origin(1, 1), 0, 70.0)
-    assert len(repair.listeners) == 1, "a new life has new ears"
+    assert repair.listeners == 1 << 1, "a new life has new ears"
     repair = speaker(Store())
     repair.heard(Origin(1, 1), 0, 60.0)
     repair.heard_report(1, NOTHING_HEARD, 60.0)
-    assert len(repair.listeners) == 1, "it has only come, and says so as its former life did"
+    assert repair.listeners == 1 << 1, "it has only come, and says so as its former life did"
 
 
 def test_who_hears_again_is_offered_also_what_it_was_never_believed_to_have() -> None:

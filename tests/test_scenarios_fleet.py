@@ -31,7 +31,7 @@ def test_only_who_is_within_radio_range_counts(near: Fleet) -> None:
     for number, member in enumerate(near.members.values()):
         policy = member.robot.sharing
         assert isinstance(policy, Value)
-        mates = list(policy.repair.believed)
+        mates = policy.repair.peers
         assert mates, "everybody has neighbours"
         assert set(mates) >= set(member.robot.mates)
         # Both may have walked since they heard each other.

@@ -228,7 +228,7 @@ def test_trials_that_are_the_same_are_run_once(tmp_path: Path) -> None:
 
 
 def test_the_studies_that_were_promised_are_there() -> None:
-    assert shelf.names(shelf.STUDIES) == ["bandwidth", "failure", "loss", "team-size"]
+    assert shelf.names(shelf.STUDIES) == ["bandwidth", "failure", "loss", "mission", "team-size"]
     path = find("bandwidth")
     rates = [float(t.values["links.rate_bps"]) for t in trials(read_study(path, seeds=1), path)]
     assert (min(rates), max(rates)) == (300, 1e6)

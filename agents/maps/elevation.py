@@ -5,16 +5,16 @@ one more look is one more addition (Sujan & Meggiolaro, Eqs. 19-21, for independ
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats, GridFrame
 from agents.layers import Anchor, drawn_cells
-from agents.maps.elevationlaying import add_layer, fill_slope, take_surer
+from agents.maps.elevationlaying import add_layer, fill_blurred, fill_slope, take_surer
 from agents.maps.elevationlook import LookCells
-from agents.maps.kind import EVERYWHERE, Shape, Window
+from agents.maps.kind import ALONE, EVERYWHERE, Beside, Shape, Window
 from agents.payloads import Payloads, Pyramid
 from agents.tiles import TileGrid
 from comms.codec import DecodedTile, EncodedTile, sigma_as_sent
@@ -172,9 +172,9 @@ class ElevationKind:
         return 0.15
 
     @property
-    def margin_cells(self) -> int:
+    def looks_beside(self) -> bool:
         """The slope of a cell is that to the cells next to it."""
-        return 1
+        return True
 
     def tiles(self, frame: GridFrame, tile_cells: int, whole: GridFrame | None = None) -> TileGrid:
         """Return square tiles; see `TileGrid`."""
@@ -258,12 +258,24 @@ class ElevationKind:
         )
 
     def blurred(
-        self, drawing: Estimate, anchor: Anchor, frame: GridFrame, window: Window = EVERYWHERE
+        self,
+        drawing: Estimate,
+        anchor: Anchor,
+        frame: GridFrame,
+        window: Window = EVERYWHERE,
+        beside: Beside[Estimate] = ALONE,
     ) -> Estimate:
-        """Add the anchor's covariance to each cell's."""
-        slope = slope_of(drawing.elevation_m, frame.cell_m)
-        added = cell_variance(anchor, frame, slope, window)
-        return Estimate(drawing.elevation_m, drawing.variance_m2 + added, drawing.looks)
+        """Add the anchor's covariance to each cell's (`cell_variance`)."""
+        elevation, variance, looks = _arrays(drawing)
+        out = np.empty(elevation.shape)
+        corner_m, at_m = (frame.x_m, frame.y_m), (anchor.corrected.x_m, anchor.corrected.y_m)
+        rows, cols = (part.indices(n) for part, n in zip(window, frame.shape, strict=True))
+        edges = _edges(elevation, beside, frame, rows[:2], cols[:2])
+        first = (rows[0], cols[0])
+        fill_blurred(
+            elevation, variance, edges, frame.cell_m, corner_m, first, at_m, anchor.variance, out
+        )
+        return Estimate(elevation, out, looks)
 
     def bits(self, estimate: Estimate) -> float:
         """See `Estimate.information_bits`."""
@@ -278,6 +290,38 @@ class ElevationKind:
         submap.weighted_z.ravel()[where] = np.frombuffer(weighted_z)
         submap.looks.ravel()[where] = np.frombuffer(looks, np.uint16)
         return submap
+
+
+Edges = tuple[Floats, Floats, Floats, Floats]
+
+
+def _edges(
+    elevation_m: Floats,
+    beside: Beside[Estimate],
+    frame: GridFrame,
+    rows: tuple[int, int],
+    cols: tuple[int, int],
+) -> Edges:
+    """Return the elevations next to a window in the south, north, west and east.
+
+    Beyond the map's edge they are the window's own; where nothing is drawn they are NaN.
+    """
+    south, north, west, east = (None if one is None else one.elevation_m for one in beside)
+    height, width = elevation_m.shape
+    return (
+        elevation_m[0] if rows[0] == 0 else _edge(south, np.s_[-1], width),
+        elevation_m[-1] if rows[1] == frame.rows else _edge(north, np.s_[0], width),
+        np.ascontiguousarray(
+            elevation_m[:, 0] if cols[0] == 0 else _edge(west, np.s_[:, -1], height)
+        ),
+        np.ascontiguousarray(
+            elevation_m[:, -1] if cols[1] == frame.cols else _edge(east, np.s_[:, 0], height)
+        ),
+    )
+
+
+def _edge(elevation_m: Floats | None, where: Any, length: int) -> Floats:
+    return np.full(length, np.nan) if elevation_m is None else elevation_m[where]
 
 
 def _estimate_of(tile: DecodedTile) -> Estimate:

@@ -26,6 +26,42 @@ def fill_slope(elevation: np.ndarray, cell_m: float, out: np.ndarray) -> None:
 
 
 @kernel
+def fill_blurred(
+    elevation: np.ndarray,
+    variance: np.ndarray,
+    beside: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    cell_m: float,
+    corner_m: tuple[float, float],
+    first: tuple[int, int],
+    anchor_m: tuple[float, float],
+    anchor_variance: tuple[float, float, float, float],
+    out: np.ndarray,
+) -> None:
+    """Fill `out` (H, W) with a window's variance and what the anchor's covariance adds to it.
+
+    `beside` are the elevations next to it in the south, north (W), west and east (H). `corner_m`
+    is the (x, y) of the map's corner, `first` the (row, col) of the window's, `anchor_m` (x, y) of
+    the anchor; its variance is of (x, y, z, yaw). Numbers come out as by `fill_slope` and
+    `agents.maps.elevation.cell_variance`, to the last bit.
+    """
+    height, width = elevation.shape
+    south, north, west, east = beside
+    var_x, var_y, var_z, var_yaw = anchor_variance
+    for i in range(height):
+        dy_m = corner_m[1] + (first[0] + i + 0.5) * cell_m - anchor_m[1]
+        for j in range(width):
+            left = elevation[i, j - 1] if j > 0 else west[i]
+            right = elevation[i, j + 1] if j + 1 < width else east[i]
+            below = elevation[i - 1, j] if i > 0 else south[j]
+            above = elevation[i + 1, j] if i + 1 < height else north[j]
+            slope = math.hypot((right - left) / (2 * cell_m), (above - below) / (2 * cell_m))
+            slope = 0.0 if math.isnan(slope) else min(slope, STEEPEST)
+            dx_m = corner_m[0] + (first[1] + j + 0.5) * cell_m - anchor_m[0]
+            shift = 0.5 * (var_x + var_y) + (dx_m * dx_m + dy_m * dy_m) * var_yaw
+            out[i, j] = variance[i, j] + (var_z + slope * slope * shift)
+
+
+@kernel
 def take_surer(
     elevation: np.ndarray,
     variance: np.ndarray,
@@ -67,5 +103,7 @@ def warm() -> None:
     """Compile the kernels of this module."""
     one, count = np.ones((3, 3)), np.ones((3, 3), dtype=np.uint16)
     fill_slope(one, 0.1, np.empty((3, 3)))
+    row, place, four = np.ones(3), (0.0, 0.0), (1.0, 1.0, 1.0, 1.0)
+    fill_blurred(one, one, (row, row, row, row), 0.1, place, (0, 0), place, four, np.empty((3, 3)))
     take_surer(one, one.copy(), count, one, one, count)
     add_layer(one, one.copy(), count, one, one, count)

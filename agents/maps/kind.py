@@ -11,7 +11,18 @@ from agents.layers import Anchor, Mask, Submap
 from agents.tiles import Shape, TileGrid, Window
 from comms.codec import EncodedTile
 
-__all__ = ["EVERYWHERE", "E", "Estimate", "MapKind", "Mask", "S", "Shape", "Window"]
+__all__ = [
+    "ALONE",
+    "EVERYWHERE",
+    "Beside",
+    "E",
+    "Estimate",
+    "MapKind",
+    "Mask",
+    "S",
+    "Shape",
+    "Window",
+]
 
 EVERYWHERE: Window = (slice(None), slice(None))
 """The whole of a map, however many axes it has."""
@@ -28,6 +39,10 @@ class Estimate(Protocol):
 
 S = TypeVar("S", bound=Submap)
 E = TypeVar("E", bound=Estimate)
+T = TypeVar("T")
+Beside = tuple[T | None, T | None, T | None, T | None]
+"""What is drawn on the tiles in the south, north, west and east; None: nothing."""
+ALONE = (None, None, None, None)
 
 
 class MapKind(Protocol[S, E]):
@@ -39,8 +54,8 @@ class MapKind(Protocol[S, E]):
         ...
 
     @property
-    def margin_cells(self) -> int:
-        """How far around a cell what is drawn there says how unsure the anchor makes it."""
+    def looks_beside(self) -> bool:
+        """Whether what is drawn next to a cell says how unsure the anchor makes it."""
         ...
 
     def tiles(self, frame: GridFrame, tile_cells: int, whole: GridFrame | None = None) -> TileGrid:
@@ -100,9 +115,17 @@ class MapKind(Protocol[S, E]):
         ...
 
     def blurred(
-        self, drawing: E, anchor: Anchor, frame: GridFrame, window: Window = EVERYWHERE
+        self,
+        drawing: E,
+        anchor: Anchor,
+        frame: GridFrame,
+        window: Window = EVERYWHERE,
+        beside: Beside[E] = ALONE,
     ) -> E:
-        """Return a window of a drawing no surer than its anchor's covariance lets it be."""
+        """Return a window of a drawing no surer than its anchor's covariance lets it be.
+
+        `beside` counts only where the kind `looks_beside`.
+        """
         ...
 
     def bits(self, estimate: E) -> float:

@@ -55,9 +55,9 @@ class OccupancyKind:
         return 0.08
 
     @property
-    def margin_cells(self) -> int:
+    def looks_beside(self) -> bool:
         """A cell is no less sure for what is beside it."""
-        return 0
+        return False
 
     def level(self, prefix: bytes, shape: Shape) -> int:
         """Return the last whole level."""

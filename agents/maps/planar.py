@@ -10,7 +10,7 @@ import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame
 from agents.layers import Anchor, drawn_cells
-from agents.maps.kind import EVERYWHERE, Shape, Window
+from agents.maps.kind import ALONE, EVERYWHERE, Beside, Shape, Window
 from agents.maps.occupancy import LARGEST, MAPPED, Counts, OccupancyKind, probability, surer
 from agents.maps.planarlook import LookOdds
 from agents.planning.information import binary_entropy
@@ -167,7 +167,12 @@ class PlanarKind(OccupancyKind):
         )
 
     def blurred(
-        self, drawing: Occupancy, anchor: Anchor, frame: GridFrame, window: Window = EVERYWHERE
+        self,
+        drawing: Occupancy,
+        anchor: Anchor,
+        frame: GridFrame,
+        window: Window = EVERYWHERE,
+        beside: Beside[Occupancy] = ALONE,
     ) -> Occupancy:
         """Divide log-odds by 1 + (variance of the cell's place) / cell^2.
 
@@ -175,6 +180,7 @@ class PlanarKind(OccupancyKind):
         standard deviation half of the log-odds is left, at three a tenth. (Our law; a blur by the
         place's distribution would rub out walls of one cell's width.)
         """
+        del beside
         unsure = 1.0 + anchor.shift_variance(frame, window) / frame.cell_m**2
         return Occupancy(drawing.log_odds / unsure, drawing.looks)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame
 from agents.layers import Anchor, drawn_at
-from agents.maps.kind import EVERYWHERE
+from agents.maps.kind import ALONE, EVERYWHERE, Beside
 from agents.maps.occupancy import LARGEST, Counts, OccupancyKind, probability, surer
 from agents.maps.voxellook import VoxelLook
 from agents.planning.information import binary_entropy
@@ -247,11 +247,13 @@ class VoxelKind(OccupancyKind):
         anchor: Anchor,
         frame: GridFrame,
         window: Window = EVERYWHERE,
+        beside: Beside[VoxelOccupancy] = ALONE,
     ) -> VoxelOccupancy:
         """Divide log-odds by 1 + (variance of the cell's place) / cell^2, as on a floor.
 
         Of the variance along the ground and that of the height the larger counts.
         """
+        del beside
         grid = cast("VoxelFrame", frame)
         var_x, var_y, var_z, var_yaw = anchor.variance
         along = np.arange(SIDE) + 0.5

@@ -1,6 +1,6 @@
 """`team-information`: routes of several looks, from what rays are likely to meet in the unknown.
 
-It differs from the paper's fifth method in six ways:
+It differs from the paper's fifth method in seven ways:
 
 - rays into the unknown end where the robot has learned that they do (`hazard`), so that the walls
   that go on and the shadows behind them are told from open floor;
@@ -10,6 +10,8 @@ It differs from the paper's fifth method in six ways:
   there, by what it shows less what it costs (`routes`); the robot takes its first look, and then
   chooses anew. What shows little, or lies far, waits while much is to be had elsewhere: prices are
   set by the best look anywhere, and come down until some route is worth them;
+- pockets of the unknown that would have to be come back for count more than what lies in the midst
+  of it (`pockets`);
 - the places are refined, down to single cells and degrees;
 - cells that team-mates said they will look at, or stand nearer to, count less. Nobody leads: a
   team-mate that falls silent drops out of the view, and with it what it claimed.
@@ -23,6 +25,7 @@ from agents.planar.casting import Star, gains, windows, yaw_of
 from agents.planar.hazard import Hazard
 from agents.planar.looksets import COARSE, look_sets, sectors
 from agents.planar.methods import Memory, look_at, seen_by
+from agents.planar.pockets import ALONE, pocket_weights
 from agents.planar.prospects import Prospects
 from agents.planar.routes import Prices, Route, Router
 from agents.planar.scene import Means, Scene
@@ -60,23 +63,31 @@ class TeamInformation:
 
     def choose(self, view: PlanarView, rng: np.random.Generator) -> PlanarLook | None:
         """Return the next look, or None when no look is expected to map `min_gain_cells` cells."""
+        frame, means = view.frame, self._means
         interest = self._memory.interest(view)
         solid_p = self._hazard.take(view)
         pass_p = interest * (1.0 - solid_p)
-        scene = Scene(view, self._means, interest * _not_theirs(view), pass_p=pass_p)
+        worth = interest * _not_theirs(view)
         self._trust.take(view.log_odds)
         trust = self._trust.table()
-        least = max(self._means.planner.min_gain_cells, 1e-9)
-        prospects = Prospects(scene, _promising(scene, scene.lattice(rng), trust), trust)
-        best = prospects.best()
-        if best < least:  # the lattice may have stepped over a passage
+        least = max(means.planner.min_gain_cells, 1e-9)
+        open_p = np.where(view.mapped, 0.0, pass_p)
+        weights = pocket_weights(open_p, frame.cell_m, means.sensor.range_m)
+        scene = Scene(view, means, worth * weights, pass_p=pass_p)
+        places = scene.lattice(rng)
+        prospects = Prospects(scene, _promising(scene, places, trust), trust)
+        if prospects.best() < ALONE * least:  # scraps are left: all of them count alike
+            weights = np.ones_like(weights)
+            scene = Scene(view, means, worth, pass_p=pass_p)
+            prospects = Prospects(scene, _promising(scene, places, trust), trust)
+        if prospects.best() < least:  # the lattice may have stepped over a passage
             prospects = Prospects(scene, _promising(scene, scene.everywhere(), trust), trust)
-            best = prospects.best()
+        best = prospects.best()
         if best < least:
             return None
         router = Router(scene, prospects)
         prices, route = _dearest(router, best, least)
-        cell, first, gain = _refined(scene, router, prospects, route, prices, trust)
+        cell, first, gain = _refined(scene, router, prospects, route, prices, trust, weights)
         seen_p = seen_by(scene, cell, first)
         self._trust.expect(seen_p, view.log_odds)
         self._memory.expect_seen(view, trust[np.rint(seen_p * STEPS).astype(np.int64)])
@@ -139,8 +150,12 @@ def _refined(
     route: Route,
     prices: Prices,
     trust: Floats,
+    weights: Floats,
 ) -> tuple[tuple[int, int], int, float]:
-    """Return the best cell about a route's first place, with its best look's first ray and gain."""
+    """Return the best cell about a route's first place, and its best look's first ray and gain.
+
+    The gain is in cells: what cells count beyond one, by `weights` (rows, cols), is taken off.
+    """
     stop, cell_m = route[0], scene.view.frame.cell_m
     left = router.left_by(route[1:]).reshape(scene.view.frame.shape)
     onward_m = np.zeros(scene.view.frame.shape)
@@ -148,7 +163,7 @@ def _refined(
         after = prospects.places[route[1].place]
         onward_m, _ = paths.travel_field(scene.cost, after[None], cell_m)
     place, looks = prospects.places[stop.place], len(stop.looks)
-    first, gain = 0, 0.0
+    first = 0
     for half, step in REFINED:
         around = _around(scene, place, half, step)
         ring = sectors(gains(scene.through, scene.lacking, left, scene.rays, around, trust=trust))
@@ -157,7 +172,11 @@ def _refined(
         way_m = scene.way_m[row, col] + onward_m[row, col]
         best = int(np.argmax(shown[:, -1].sum(axis=1) - prices.metre * way_m))
         place = around[best]
-        first, gain = COARSE * int(firsts[best, -1, 0]), float(shown[best, -1, 0])
+        first = COARSE * int(firsts[best, -1, 0])
+    cells = gains(
+        scene.through, scene.lacking, left / weights, scene.rays, place[None], trust=trust
+    )
+    gain = float(windows(cells, scene.rays.width)[0, first])
     return (int(place[0]), int(place[1])), first, gain
 
 

@@ -142,7 +142,7 @@ class Scene:
         """(H, W) the ground, as it is taken to be for looks, with team-mates standing on it."""
         raised = self.sight_m.copy()
         for mate in self.view.others:
-            body = self._within(mate.x_m, mate.y_m, 0.5 * self.view.drive.footprint_m)
+            body = self._cells(mate.x_m, mate.y_m, 0.5 * self.view.drive.footprint_m)
             raised[body] = np.maximum(raised[body], mate.z_m + BODY_M)
         return raised
 
@@ -156,7 +156,7 @@ class Scene:
         if self._trust is not None:
             worth[view.looks == 0] *= self._trust[view.looks == 0]
         for x_m, y_m, radius_m in view.claims:
-            worth[self._within(x_m, y_m, radius_m)] *= CLAIMED
+            worth[self._cells(x_m, y_m, radius_m)] *= CLAIMED
         for x_m, y_m, radius_m in view.wishes:
             wished = self._within(x_m, y_m, radius_m)
             # Who is to drive there has to see rocks: looks go on until the relief is sharp.
@@ -167,7 +167,7 @@ class Scene:
             each = max(ASKED, ALL_ASKED * view.planner.min_gain_cells / self.asked)
             worth = np.maximum(worth, each * view.interest * view.questions)
         for mate in view.others:
-            worth[self._within(mate.x_m, mate.y_m, 0.5 * view.drive.footprint_m)] = 0.0
+            worth[self._cells(mate.x_m, mate.y_m, 0.5 * view.drive.footprint_m)] = 0.0
         return worth
 
     @cached_property
@@ -176,10 +176,20 @@ class Scene:
         return 0 if self.view.questions is None else int((self.view.questions > 0).sum())
 
     def _within(self, x_m: float, y_m: float, radius_m: float) -> Bools:
+        """Return the mask (H, W) of the cells about a place."""
+        within = np.zeros(self.view.frame.shape, dtype=np.bool_)
+        within[self._cells(x_m, y_m, radius_m)] = True
+        return within
+
+    def _cells(self, x_m: float, y_m: float, radius_m: float) -> tuple[Ints, Ints]:
+        """Return rows and columns of the cells about a place."""
         frame = self.view.frame
-        x = frame.x_m + (np.arange(frame.cols) + 0.5) * frame.cell_m - x_m
-        y = frame.y_m + (np.arange(frame.rows) + 0.5) * frame.cell_m - y_m
-        return x[None] ** 2 + y[:, None] ** 2 <= radius_m * radius_m
+        x2 = (frame.x_m + (np.arange(frame.cols) + 0.5) * frame.cell_m - x_m) ** 2
+        y2 = (frame.y_m + (np.arange(frame.rows) + 0.5) * frame.cell_m - y_m) ** 2
+        # Most of the map is farther off along one axis alone.
+        rows, cols = (np.flatnonzero(d2 <= radius_m * radius_m) for d2 in (y2, x2))
+        near = np.nonzero(x2[cols][None] + y2[rows][:, None] <= radius_m * radius_m)
+        return rows[near[0]], cols[near[1]]
 
     @cached_property
     def trusted_distance_m(self) -> Floats:
@@ -251,14 +261,14 @@ class Scene:
             inward = layers.rim_m >= min(inset_m, layers.rim_m[self.cell])
             cost[beside & inward & layers.passable & np.isinf(cost)] = NEAR_COST
         for x_m, y_m, radius_m in view.barred:
-            cost[self._within(x_m, y_m, radius_m)] = np.inf
+            cost[self._cells(x_m, y_m, radius_m)] = np.inf
         cost[self._trail() & np.isinf(cost)] = NEAR_COST
         for mate in view.others:
             # Two that stand beside each other may part: each may go where it comes no nearer.
             apart_m = math.hypot(mate.x_m - view.pose.x_m, mate.y_m - view.pose.y_m)
             kept_m = min(1.25 * drive.footprint_m, apart_m - 0.75 * view.frame.cell_m)
             if kept_m > 0.0:
-                cost[self._within(mate.x_m, mate.y_m, kept_m)] = np.inf
+                cost[self._cells(mate.x_m, mate.y_m, kept_m)] = np.inf
         return cost
 
     def _trail(self) -> Bools:

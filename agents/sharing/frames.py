@@ -110,7 +110,7 @@ def _without(gap: _Gap, seq: int) -> list[_Gap]:
     return [part for part in (below, above) if part.first <= part.last]
 
 
-@dataclass
+@dataclass(slots=True)
 class Logged:
     """What one frame carried."""
 
@@ -118,8 +118,8 @@ class Logged:
     t_s: float
     stretches: tuple[Stretch, ...]
     anchor: tuple[AnchorKey, int] | None = None
-    denied: set[int] = field(default_factory=set[int])
-    """Team-mates that said that they did not hear it."""
+    denied: int = 0
+    """Team-mates that said that they did not hear it: a bit each."""
 
 
 class FrameLog:
@@ -127,23 +127,30 @@ class FrameLog:
 
     def __init__(self) -> None:
         """Start empty."""
-        self._lives: dict[tuple[int, int], deque[Logged]] = {}
+        self._lives: dict[int, dict[int, deque[Logged]]] = {}
+        """By sender and incarnation."""
+        self._last: dict[tuple[int, int], int] = {}
+        """The highest number of each life."""
 
     def note(self, robot: int, incarnation: int, logged: Logged) -> None:
         """Remember what a frame carried."""
-        life = self._lives.setdefault((robot, incarnation), deque(maxlen=LOGGED_FRAMES))
-        life.append(logged)
+        lives = self._lives.setdefault(robot, {})
+        lives.setdefault(incarnation, deque(maxlen=LOGGED_FRAMES)).append(logged)
+        last = self._last.get((robot, incarnation), -1)
+        self._last[robot, incarnation] = max(last, logged.seq)
 
     def forget(self, robot: int) -> None:
         """Forget the frames of a robot, in all its lives."""
-        self._lives = {life: log for life, log in self._lives.items() if life[0] != robot}
+        for incarnation in self._lives.pop(robot, {}):
+            del self._last[robot, incarnation]
 
     def missed(self, acks: Acks, now_s: float) -> list[Logged]:
         """Return the frames that, by its own word, a team-mate did not hear."""
         lives = [
             life
-            for (robot, incarnation), life in sorted(self._lives.items())
-            if robot == acks.robot and (incarnation == acks.incarnation or acks.upto == 0)
+            for incarnation, life in sorted(self._lives.get(acks.robot, {}).items())
+            if (incarnation == acks.incarnation or acks.upto == 0)
+            and (acks.missed or acks.upto <= self._last[acks.robot, incarnation])
         ]
         return [
             frame

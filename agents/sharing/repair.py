@@ -16,7 +16,7 @@ import struct
 from dataclasses import dataclass
 
 from agents.settings import SharingSettings
-from agents.sharing.beliefs import GUARD_S, Believed, Stretch
+from agents.sharing.beliefs import GUARD_S, Beliefs, Part, Stretch, members, prefix_of
 from agents.sharing.frames import SETTLING_S, Ears, FrameLog, Logged
 from agents.sharing.reports import Acks, Report, pack_report
 from agents.sharing.teller import Teller
@@ -88,11 +88,11 @@ class Repair:
         self._near_only = settings.horizon_m is not None
         """Whether only team-mates count that were heard lately."""
         everybody = () if self._near_only else range(team_size)
-        self.believed = {robot: Believed() for robot in everybody if robot != me.robot}
+        self.beliefs = Beliefs(robot for robot in everybody if robot != me.robot)
         self.clock = ReportClock(settings, 2 if self._near_only else team_size)
         self._heard_s: dict[int, float] = {}
-        self.deaf: set[tuple[int, int]] = set()
-        """(listener, sender): who said that it hears nothing of whom."""
+        self._deaf_to: dict[int, int] = {}
+        """By sender, the team-mates (a bit each) that said that they hear nothing of it."""
         self._store = store
         self._ears = Ears()
         self._log = FrameLog()
@@ -112,23 +112,23 @@ class Repair:
     @property
     def peers(self) -> list[int]:
         """The team-mates that count."""
-        return list(self.believed)
+        return self.beliefs.peers
 
     # --- what happens -----------------------------------------------------------------------
 
     def _is_near(self, robot: int, now_s: float) -> None:
         """Note that a team-mate can be heard, and forget those that could not for long."""
         self._heard_s[robot] = now_s
-        if robot in self.believed:
+        if self.beliefs.everybody >> robot & 1:
             return
         gone = [mate for mate, t_s in self._heard_s.items() if now_s - t_s > NEAR_S]
         for mate in gone:
             del self._heard_s[mate]
-            del self.believed[mate]
+            self.beliefs.leave(mate)
             self._ears.forget(mate)
             self._log.forget(mate)
-        self.believed = dict(sorted({**self.believed, robot: Believed()}.items()))
-        self.clock.share_among(len(self.believed) + 1)
+        self.beliefs.join(robot)
+        self.clock.share_among(self.beliefs.everybody.bit_count() + 1)
 
     def changed(self, key: TileKey, now_s: float) -> None:
         """Note that more of a tile is here."""
@@ -137,8 +137,7 @@ class Repair:
 
     def goes_out(self, stretch: Stretch, now_s: float) -> None:
         """Note what is in the frame that is being filled: all are believed to hear it."""
-        for believed in self.believed.values():
-            believed.has(stretch, sent_s=now_s)
+        self.beliefs.have(self.beliefs.everybody, stretch, now_s, sent=True)
 
     def sent(self, seq: int, now_s: float, stretches: tuple[Stretch, ...]) -> None:
         """Note which of this robot's frames held it."""
@@ -147,8 +146,7 @@ class Repair:
     def sent_anchor(self, seq: int, now_s: float, key: AnchorKey, version: int) -> None:
         """Note that an anchor went out in one of this robot's frames."""
         self._log.note(*self.me, Logged(seq, now_s, (), (key, version)))
-        for believed in self.believed.values():
-            believed.has_anchor(key, version)
+        self.beliefs.have_anchor(self.beliefs.everybody, key, version)
 
     def heard(self, sender: Origin, seq: int, now_s: float) -> bool:
         """Note that a frame was heard, whatever was in it; return whether its sender is new."""
@@ -159,10 +157,12 @@ class Repair:
             # A life of which nothing was heard before: it may have heard nothing either. Unless it
             # is this robot that has only come.
             if sender.robot in self._began_s or seq < YOUNG_FRAMES:
-                self.believed[sender.robot].forget()
+                self.beliefs.forget(sender.robot)
             # What its former life did not hear says nothing of this one's ears.
             self._acked.pop(sender.robot, None)
-            self.deaf = {pair for pair in self.deaf if pair[0] != sender.robot}
+            self._deaf_to = {
+                robot: deaf & ~(1 << sender.robot) for robot, deaf in self._deaf_to.items()
+            }
             self._new_lives.add(sender.robot)
             self._began_s[sender.robot] = now_s
         elif self._ears.lost_since_s() is not None:
@@ -174,19 +174,21 @@ class Repair:
     ) -> None:
         """Note what was in a team-mate's frame: it has it, and who hears it heard it too."""
         self._log.note(*sender, Logged(seq, now_s, stretches))
-        for peer, believed in self.believed.items():
-            if peer == sender.robot or (peer, sender.robot) not in self.deaf:
-                for stretch in stretches:
-                    believed.has(stretch)
+        heard_by = self._hearing(sender.robot)
+        for stretch in stretches:
+            self.beliefs.have(heard_by, stretch, now_s)
 
     def heard_anchor(
         self, sender: Origin, seq: int, now_s: float, key: AnchorKey, version: int
     ) -> None:
         """Note that an anchor was in a team-mate's frame."""
         self._log.note(*sender, Logged(seq, now_s, (), (key, version)))
-        for peer, believed in self.believed.items():
-            if peer == sender.robot or (peer, sender.robot) not in self.deaf:
-                believed.has_anchor(key, version)
+        self.beliefs.have_anchor(self._hearing(sender.robot), key, version)
+
+    def _hearing(self, sender: int) -> int:
+        """Return a team-mate and all who hear it, or may."""
+        deaf = self._deaf_to.get(sender, 0) & ~(1 << sender)
+        return self.beliefs.everybody & ~deaf
 
     def heard_mark(self, sender: int, mark: Mark, mine: Mark, now_s: float) -> None:
         """Compare a team-mate's store with this robot's; what differs is said, if all was sent."""
@@ -206,24 +208,23 @@ class Repair:
             if sender in self._new_lives and report.holdings.anchors:
                 self._want_all(now_s)  # it came back with things: some are known here already
             self._new_lives.discard(sender)
-            changed += self.believed[sender].take(report.holdings, now_s)
+            changed += self.beliefs.take(sender, report.holdings, now_s)
         for acks in report.acks:
             changed += self._take_acks(sender, acks, now_s)
         return changed
 
     def _take_acks(self, listener: int, acks: Acks, now_s: float) -> list[TileKey]:
-        believed = self.believed[listener]
         changed: list[TileKey] = []
         unheard: list[Logged] = []
         for frame in self._log.missed(acks, now_s):
             if frame.seq >= acks.upto:
                 unheard.append(frame)
-            if listener in frame.denied:
+            if frame.denied >> listener & 1:
                 continue
-            frame.denied.add(listener)
-            changed += [s.key for s in frame.stretches if believed.lacks(s)]
-            if frame.anchor is not None and frame.anchor[0] in believed.anchors:
-                believed.anchors[frame.anchor[0]] = frame.anchor[1] - 1
+            frame.denied |= 1 << listener
+            changed += [s.key for s in frame.stretches if self.beliefs.lacks(listener, s)]
+            if frame.anchor is not None:
+                self.beliefs.lacks_anchor(listener, *frame.anchor)
         if acks.robot == self.me.robot:
             # Had it heard any of what was sent since it last spoke of these frames?
             upto, since_s = self._acked.get(listener, (-1, now_s))
@@ -231,16 +232,20 @@ class Repair:
             unheard = [f for f in unheard if f.t_s > since_s and upto == acks.upto]
         else:
             unheard = [f for f in unheard if f.t_s > self._began_s.get(listener, -1.0)]
-        pair = (listener, acks.robot)
-        if (len(unheard) >= DEAF_FRAMES) != (pair in self.deaf):
-            self.deaf ^= {pair}
+        deaf = self._deaf_to.get(acks.robot, 0)
+        if (len(unheard) >= DEAF_FRAMES) != bool(deaf >> listener & 1):
+            self._deaf_to[acks.robot] = deaf ^ 1 << listener
             changed += self._store.keys()  # also those of which it is believed to have nothing
         return changed
 
     @property
-    def listeners(self) -> list[Believed]:
-        """What those team-mates have that hear this robot, or may."""
-        return [b for peer, b in self.believed.items() if (peer, self.me.robot) not in self.deaf]
+    def listeners(self) -> int:
+        """Those team-mates, a bit each, that hear this robot, or may."""
+        return self.beliefs.everybody & ~self._deaf_to.get(self.me.robot, 0)
+
+    def heard_of(self, key: TileKey) -> list[tuple[Part, int]]:
+        """Return what the listeners have of a tile, and who has which part."""
+        return self.beliefs.parts_of(key, self.listeners)
 
     def before_me(self, key: TileKey, version: Version) -> int:
         """Count the team-mates whose turn it is to send a tile before it is this robot's.
@@ -249,15 +254,17 @@ class Repair:
         a hash that is other for each tile says who begins with which (rendezvous hashing; Thaler
         and Ravishankar, 1998). So many holders catch one listener up together, without a word.
         """
-        held = {peer: b.prefix_of(key, version) for peer, b in self.believed.items()}
-        lacking = [peer for peer, prefix in held.items() if prefix < version.prefix_bytes]
+        holding = lacking = 0
+        for part, those in self.beliefs.parts_of(key, self.beliefs.everybody):
+            if prefix_of(part, version) < version.prefix_bytes:
+                lacking |= those
+            else:
+                holding |= those
+        could = [peer for peer in members(holding) if not self._deaf_to.get(peer, 0) & lacking]
+        if not could:
+            return 0
         mine = _lot(self.me.robot, key)
-        return sum(
-            prefix >= version.prefix_bytes
-            and _lot(peer, key) < mine
-            and not any((listener, peer) in self.deaf for listener in lacking)
-            for peer, prefix in held.items()
-        )
+        return sum(_lot(peer, key) < mine for peer in could)
 
     # --- what is said -----------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 from agents.disk import DiskError
 from agents.messages import CHUNK_HEADER_BYTES, pack_anchor, pack_chunks
-from agents.sharing.beliefs import stretch_of
+from agents.sharing.beliefs import Part, bits_of, members, prefix_of, stretch_of
 from agents.sharing.policy import Desk, Free, Heard, Policy
 from agents.sharing.repair import Mark, Repair
 from agents.sharing.reports import Report
@@ -168,7 +168,7 @@ class Value(Policy):
         listeners = self.repair.listeners
         for key in self._anchors_to_tell():
             version = self.store.anchors[key].version
-            if any(b.lacks_anchor(key, version) for b in listeners):
+            if self.repair.beliefs.is_anchor_lacked(listeners, key, version):
                 return key
         return None
 
@@ -283,17 +283,17 @@ class Value(Policy):
     def _offer_of_version(self, key: TileKey, version: Version) -> Offer | None:
         if version.prefix_bytes == 0:
             return None
-        listeners = self.repair.listeners
-        start = min((b.prefix_of(key, version) for b in listeners), default=version.prefix_bytes)
+        heard = self.repair.heard_of(key)
+        start = min((prefix_of(part, version) for part, _ in heard), default=version.prefix_bytes)
         if start >= version.prefix_bytes:
             return None
         steps = self._steps_of(key, version)
-        have = [b.bits_of(key, version, self._steps) for b in listeners]
+        have = self._bits_had(heard, key, version)
         best_density, best_end = 0.0, version.prefix_bytes
         for end, bits in zip(steps.ends, steps.bits, strict=True):
             if end <= start:
                 continue
-            gain = sum(max(0.0, bits - had) for had in have)
+            gain = sum([max(0.0, bits - had) for had in have])
             density = self.weight(key) * gain / (end - start + CHUNK_HEADER_BYTES)
             if density > best_density:
                 best_density, best_end = density, end
@@ -304,6 +304,20 @@ class Value(Policy):
         density = max(best_density, self.least_density * 1.01)
         return Offer(density, version.number, start, best_end, turn)
 
+    def _bits_had(
+        self, heard: list[tuple[Part, int]], key: TileKey, version: Version
+    ) -> list[float]:
+        """Return the information that each listener has of a tile, in their order.
+
+        Sums of floats depend on it, and so would what is sent.
+        """
+        bits = [bits_of(part, key, version, self._steps) for part, _ in heard]
+        if len(heard) == 1:
+            return bits * heard[0][1].bit_count()
+        each = zip(bits, heard, strict=True)
+        had = {peer: one for one, (_, those) in each for peer in members(those)}
+        return [had[peer] for peer in sorted(had)]
+
     def _offer_to_publish(self, key: TileKey) -> Offer | None:
         """Return what a new version of an own tile would be worth, by an estimate of its size."""
         bits, guessed_bytes = self._own_offer(key)
@@ -312,7 +326,7 @@ class Value(Policy):
         if gain <= 0:
             return None
         size = before.size_bytes if before else guessed_bytes
-        listeners = len(self.repair.listeners)
+        listeners = self.repair.listeners.bit_count()
         density = self.weight(key) * gain * listeners / (size + CHUNK_HEADER_BYTES)
         return Offer(density, FRESH)
 

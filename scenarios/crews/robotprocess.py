@@ -20,6 +20,8 @@ from scenarios.wire import Grant, Plan, Report
 from sim.clock import VirtualLoop
 
 PR_SET_PDEATHSIG = 1
+M_ARENA_MAX = -8
+"""One heap for all threads: those of Zenoh keep little, and each its own heap of its own."""
 
 
 def robot_main(plan: Plan, credentials: Credentials | None = None) -> None:
@@ -36,6 +38,8 @@ def robot_main(plan: Plan, credentials: Credentials | None = None) -> None:
 def prepare_process() -> None:
     """Leave Ctrl-C to the runner, and die when it does: no orphan is left behind."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(AttributeError):  # another C library than GNU's
+        ctypes.CDLL(None).mallopt(M_ARENA_MAX, 1)
     with contextlib.suppress(OSError):  # where the kernel has no such thing
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     # The fork server, whose death that signal tells, lives on while anybody holds this end of its
@@ -95,7 +99,10 @@ def _serve(plan: Plan, wire: Wire) -> None:
     while True:
         grant = Grant.from_wire(grants.wait()[1])
         _listen(air, inbox, own, grant.counts)
+        looks = host.robot.looks
         report = host.run_window(grant, inbox.take(grant.counts))
+        if host.robot.looks != looks or report.final is not None:
+            give_back()
         if report.final is not None:
             report.final["cost"] = (cpu_s(), peak_bytes(), unique_bytes())
         _tell(wire, report)
@@ -125,6 +132,15 @@ def _listen(air: Channel, inbox: Inbox, own: str, counts: dict[str, int]) -> Non
         sender, packet = carried(*message)
         if sender != own and packet is not None:
             inbox.add(sender, packet)
+
+
+def give_back() -> None:
+    """Give memory that is free back to the computer: other robots think next.
+
+    A look takes some tens of megabytes for a moment, which the C library would keep.
+    """
+    with contextlib.suppress(AttributeError):  # another C library than GNU's
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def unique_bytes(pid: int | None = None) -> int | None:

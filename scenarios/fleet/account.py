@@ -23,7 +23,7 @@ class Account:
     """Tiles in its store."""
     payload_bytes: float
     beliefs: float
-    """Tiles that it remembers of its team-mates' stores, over all of them."""
+    """Parts of tiles that it remembers as what some of its team-mates have."""
 
     @property
     def all_bytes_per_min(self) -> float:
@@ -52,8 +52,8 @@ def account(fleet: Fleet, begin_s: float, until_s: float) -> Account:
         looks=looks / count,
         bytes_per_min={kind: n / minutes / count for kind, n in sorted(sent.items())},
         digest_bytes=sent["digest"] / max(1, frames["digest"]),
-        mates=sum(len(r.believed) for r in repairs) / count,
+        mates=sum(len(r.peers) for r in repairs) / count,
         tiles=sum(len(m.robot.store.keys()) for m in members) / count,
         payload_bytes=sum(m.robot.store.payload_bytes for m in members) / count,
-        beliefs=sum(len(b.tiles) for r in repairs for b in r.believed.values()) / count,
+        beliefs=sum(r.beliefs.parts for r in repairs) / count,
     )

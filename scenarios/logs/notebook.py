@@ -5,14 +5,22 @@ import io
 import json
 import math
 from collections.abc import Callable, Generator
-from dataclasses import asdict
 from pathlib import Path
 
 from mcap.writer import CompressionType, Writer
 
 from comms.frames import Kind
 from comms.timebase import to_s
-from scenarios.records.tables import EventRow, LookRow, MapRow, Row, RxRow, TxRow, to_wire
+from scenarios.records.tables import (
+    EventRow,
+    LookRow,
+    MapRow,
+    Row,
+    RxRow,
+    TxRow,
+    named,
+    to_wire,
+)
 
 TOPICS: dict[type[Row], str] = {
     LookRow: "looks",
@@ -59,7 +67,7 @@ class LogFile:
                 f"ropeteam.{type(row).__name__}", "jsonschema", b'{"type": "object"}'
             )
             self._channels[topic] = self._writer.register_channel(topic, "json", schema)
-        data = json.dumps(_finite(asdict(row))).encode()
+        data = json.dumps(_finite(named(row))).encode()
         self._writer.add_message(self._channels[topic], t_ns, data, t_ns)
 
     def keep(self, topic: str, data: bytes, t_ns: int) -> None:

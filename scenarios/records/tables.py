@@ -136,6 +136,11 @@ def to_wire(row: Row) -> Wire:
     return (_TAGS[table], *[getattr(row, key) for key in _COLUMNS[table]])
 
 
+def named(row: Row) -> dict[str, object]:
+    """Return a row's values by their names."""
+    return {key: getattr(row, key) for key in _COLUMNS[type(row)]}
+
+
 def from_wire(wire: Sequence[object]) -> Row:
     """Return the row that `to_wire` made a tuple (or, after msgpack, a list) of.
 
