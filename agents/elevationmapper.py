@@ -130,6 +130,10 @@ class ElevationMapper:
                 return questions
         return None
 
+    def _pressing(self, questions: Bools) -> Floats:
+        """Return how much questions (H, W) count still, by how many looks they were asked for."""
+        return np.where(questions, 1.0 / (1.0 + self.asked / TIRED), 0.0)
+
     def _sigma_as_heard(self, view: View) -> Floats:
         """Return sigma (H, W) as team-mates are told it: more roughly, and so never less.
 
@@ -145,7 +149,9 @@ class ElevationMapper:
         view, plan = self.view(), None
         for _ in range(HOPES):
             questions = await self._questions(view)
-            asking = view if questions is None else replace(view, questions=questions)
+            asking = (
+                view if questions is None else replace(view, questions=self._pressing(questions))
+            )
             plan = await asyncio.to_thread(self.strategy.choose, asking, self.robot.rng)
             if plan is not None or questions is None or not questions.any():
                 break

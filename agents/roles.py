@@ -3,7 +3,6 @@
 import asyncio
 import math
 from collections.abc import Callable, Coroutine
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,7 +31,7 @@ SEARCH_S = 60.0
 SEARCH_ROUNDS = 20
 """It looks round so often; then it waits to be seen."""
 HOLD_OUT_S = 2400.0
-"""So long the Cliff-bot waits for a way by the strict rule, as long as somebody maps."""
+"""So long the Cliff-bot holds out for a way by the strict rule, as long as somebody maps."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
 TRIES = 40
@@ -165,12 +164,12 @@ async def descend(robot: Robot) -> None:
     assert robot.settings.goal_m is not None
     goal = robot.settings.goal_m
     robot.wish_to_know(goal)
-    way = await wait_for_path(robot, goal)
-    if way is not None:
-        robot.log.event("safe path", f"{_length_m(way.path_m):.1f} m")
+    path_m = await wait_for_path(robot, goal)
+    if path_m is not None:
+        robot.log.event("safe path", f"{_length_m(path_m):.1f} m")
         robot.set_activity("descending")
-        way = await go_down(robot, goal, way)
-    if way is not None:
+        path_m = await go_down(robot, goal, path_m)
+    if path_m is not None:
         robot.log.event("reached")
     else:
         robot.log.event("stuck", f"nobody maps any more; {why_not(robot, goal)}")
@@ -179,41 +178,29 @@ async def descend(robot: Robot) -> None:
     robot.finished = True
 
 
-@dataclass(frozen=True)
-class Way:
-    """A way down."""
-
-    path_m: Floats
-    """(N, 2)."""
-    strict: bool
-    """By the strict rule: so long as somebody maps, one may wait for such a way."""
-
-
-async def wait_for_path(robot: Robot, goal: tuple[float, float]) -> Way | None:
+async def wait_for_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
     """Return the first safe way to the goal that the map shows, or None if none will come."""
     planned_s = -math.inf
     while True:
         is_last = _nothing_more_to_come(robot)
         if is_last or planned_s < robot.map_changed_s:
             planned_s = robot.now_s
-            rules = (True,) if planned_s < HOLD_OUT_S and not is_last else (True, False)
-            for strict in rules:
-                path_m = await find_path(robot, goal, strict=strict)
-                if path_m is not None:
-                    return Way(path_m, strict)
+            path_m = await find_path(robot, goal)
+            if path_m is not None:
+                return path_m
         if is_last:
             return None
         await asyncio.sleep(PATIENCE_S)
 
 
-async def go_down(robot: Robot, goal: tuple[float, float], way: Way) -> Way | None:
+async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Floats | None:
     """Go down step by step, each by the newest map; return None if the goal can't be reached.
 
     Where the newest map bars the way, it hangs on its tethers until the map shows another.
     """
     failures = 0
-    while math.dist((robot.pose.x_m, robot.pose.y_m), way.path_m[-1]) > robot.settings.map.cell_m:
-        x_m, y_m = _step_along(way.path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
+    while math.dist((robot.pose.x_m, robot.pose.y_m), path_m[-1]) > robot.settings.map.cell_m:
+        x_m, y_m = _step_along(path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
         holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m))
         try:
             failures += not await robot.drive_to(x_m, y_m, STEP_M)
@@ -221,8 +208,7 @@ async def go_down(robot: Robot, goal: tuple[float, float], way: Way) -> Way | No
             holder.cancel()
         if failures > TRIES:
             return None
-        path_m = await find_path(robot, goal, strict=way.strict)
-        onward = None if path_m is None else Way(path_m, way.strict)
+        onward = await find_path(robot, goal)
         if onward is None:
             robot.log.event("barred", "the newest map shows no safe way on from here")
             robot.set_activity("waiting")
@@ -230,8 +216,8 @@ async def go_down(robot: Robot, goal: tuple[float, float], way: Way) -> Way | No
         if onward is None:
             return None
         robot.set_activity("descending")
-        way = onward
-    return way
+        path_m = onward
+    return path_m
 
 
 async def hold(robot: Robot) -> None:
@@ -267,13 +253,17 @@ ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
 }
 
 
-async def find_path(
-    robot: Robot, goal: tuple[float, float], *, strict: bool = False
-) -> Floats | None:
-    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none."""
+async def find_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
+    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none.
+
+    One by the strict rule if there is one; else, where waiting has no use any more, by the other.
+    """
     settings, ground = robot.settings, _ground(robot)
     place = (settings.frame, settings.drive, *ground, robot.pose, goal)
-    return await asyncio.to_thread(safe_path, *place, strict=strict)
+    path_m = await asyncio.to_thread(safe_path, *place, strict=True)
+    if path_m is None and (robot.now_s > HOLD_OUT_S or _nothing_more_to_come(robot)):
+        path_m = await asyncio.to_thread(safe_path, *place, strict=False)
+    return path_m
 
 
 def why_not(robot: Robot, goal: tuple[float, float]) -> str:
@@ -281,7 +271,7 @@ def why_not(robot: Robot, goal: tuple[float, float]) -> str:
     settings = robot.settings
     down = Descent(robot.pose, goal, np.zeros(settings.frame.shape))
     hope = hopeful(settings.frame, settings.drive, *_ground(robot), down)
-    why = "" if hope is None else f": {hope.told(settings.frame.cell_m)}"
+    why = "" if hope is None else f": {hope.told()}"
     return f"no safe way down is known{why}"
 
 

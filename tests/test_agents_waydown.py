@@ -1,6 +1,7 @@
 """Ways down and what is still to be asked of them, on ground made by hand."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from agents.planning.waydown import (
     Descent,
     hopeful,
     open_questions,
+    relief_of,
     safe_path,
     with_stand,
     within,
@@ -68,7 +70,7 @@ def test_what_was_seen_badly_is_asked_too() -> None:
     assert hope is not None
     assert hope.blurred.any()
     assert not (hope.unseen | hope.rock).any()
-    assert "0.0 m2 unseen" in hope.told(CELL_M)
+    assert "0.0 m2 unseen" in hope.told()
 
 
 def test_a_hopeful_way_rather_asks_than_climbs_a_wall() -> None:
@@ -83,7 +85,7 @@ def test_a_hopeful_way_rather_asks_than_climbs_a_wall() -> None:
 def test_what_was_asked_often_in_vain_is_gone_round() -> None:
     unseen = strip(np.zeros(SHAPE), 5.0, 7.0, np.nan)
     first = open_questions(FRAME, DRIVE, unseen, SHARP, down())
-    then = open_questions(FRAME, DRIVE, unseen, SHARP, down(60.0 * first))
+    then = open_questions(FRAME, DRIVE, unseen, SHARP, down(np.where(first, 60.0, 0.0)))
     assert (first & then).sum() < 0.2 * first.sum()
 
 
@@ -95,9 +97,29 @@ def test_a_rock_that_was_seen_sharply_is_not_asked_again() -> None:
     assert hope.rock.any()
 
 
+def test_fine_cells_are_joined_to_half_a_wheel_before_rocks_are_looked_for() -> None:
+    fine = GridFrame(0.0, 0.0, 0.05, 241, 160)
+    rng = np.random.default_rng(5)
+    noisy = rng.normal(scale=0.03, size=fine.shape)
+    sigma = np.full(fine.shape, 0.03)
+    stand = Pose(4.0, 10.0, 0.0, 0.0)
+    relief = relief_of(fine, DRIVE, noisy, sigma, stand)
+    assert relief.frame.cell_m == pytest.approx(0.1)
+    assert relief.frame.shape == (121, 80)
+    assert np.std(relief.elevation_m[:120]) == pytest.approx(0.015, rel=0.1)
+    assert relief.sigma_m[0, 0] == pytest.approx(0.015)
+    assert safe_path(fine, DRIVE, noisy, sigma, stand, GOAL) is not None
+    hidden = noisy.copy()
+    hidden[100:140] = np.nan
+    asked = open_questions(fine, DRIVE, hidden, sigma, Descent(stand, GOAL, np.zeros(fine.shape)))
+    assert asked.shape == fine.shape
+    assert asked[100:140].sum() > 0.9 * asked.sum() > 0
+
+
 def test_ground_under_the_wheels_goes_on_as_that_about_them() -> None:
-    slope = np.tile(0.5 * CELL_M * np.arange(SHAPE[0])[:, None], (1, SHAPE[1]))
-    hole = slope.copy()
+    heights_m = 0.5 * CELL_M * np.arange(SHAPE[0], dtype=np.float64)
+    slope: Floats = np.tile(heights_m[:, None], (1, SHAPE[1]))
+    hole: Floats = slope.copy()
     hole[47:53, 17:23] = np.nan
     elevation_m, sigma_m = with_stand(FRAME, DRIVE, hole, np.full(SHAPE, np.inf), STAND)
     filled = np.isnan(hole) & ~np.isnan(elevation_m)
@@ -114,6 +136,31 @@ def test_where_nothing_is_known_wheels_tell_their_own_height() -> None:
     assert np.nanmax(elevation_m) == np.nanmin(elevation_m) == pytest.approx(0.3)
 
 
+@pytest.mark.parametrize(
+    ("height_m", "sigma_m", "open_by", "barred_by"),
+    [
+        (0.09, 0.01, "lax", "strict"),  # a step one cell wide shows half its height
+        (0.07, 0.01, "both", "none"),
+        (0.15, 0.05, "lax", "strict"),  # more than its noise explains, but not for sure
+        (0.0, 0.08, "lax", "strict"),  # sharp enough for rocks of a wheel only
+    ],
+)
+def test_the_strict_rule_bars_what_may_be_a_rock(
+    height_m: float, sigma_m: float, open_by: str, barred_by: str
+) -> None:
+    ground = np.zeros(SHAPE)
+    ground[30, 20] = height_m
+    sigma = np.full(SHAPE, sigma_m)
+
+    def cost(*, strict: bool) -> float:
+        rule = {"cell_m": 0.1, "footprint_m": 1.0, "wheel_m": 0.2}
+        return float(partial(descent_cost, ground, sigma, **rule)(strict=strict)[30, 20])
+
+    lax, strict = cost(strict=False), cost(strict=True)
+    assert np.isfinite(lax) == (open_by in ("lax", "both"))
+    assert np.isinf(strict) == (barred_by == "strict")
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.02, 0.6))
 def test_the_quick_look_at_what_was_seen_hides_no_way(seed: int, share: float) -> None:
@@ -127,7 +174,12 @@ def test_the_quick_look_at_what_was_seen_hides_no_way(seed: int, share: float) -
     filled, sigma_m = with_stand(FRAME, DRIVE, elevation_m, SHARP, STAND)
     footprint_m = DRIVE.footprint_m + 2 * CLEARANCE_M
     cost = descent_cost(
-        filled, sigma_m, cell_m=CELL_M, footprint_m=footprint_m, wheel_m=DRIVE.wheel_m
+        filled,
+        sigma_m,
+        cell_m=CELL_M,
+        footprint_m=footprint_m,
+        wheel_m=DRIVE.wheel_m,
+        strict=True,
     )
     row, col = FRAME.cell_of(STAND.x_m, STAND.y_m)
     may = np.isfinite(cost) | within(FRAME, (STAND.x_m, STAND.y_m), STAND_M)

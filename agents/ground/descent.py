@@ -22,7 +22,7 @@ LOW = 0.8
 """On tethers, what stands out by this share of a wheel is a rock, though it might be noise, if two
 by two cells show it (after a mean, `surface.CALM_ROCK` of it); a single cell by a whole wheel."""
 SHARPER = 0.35
-"""As `SURE`, for who still hopes for a better map."""
+"""As `SURE`, by the strict rule."""
 
 
 class Barred(NamedTuple):
@@ -61,7 +61,6 @@ def barred(
     rock |= rough.calm_m > surface.CALM_ROCK * LOW * wheel_m
     if strict:
         rock |= rough.likely
-        rock |= rough.raw_m + surface.RAW_APART * surface.COMPARED * sigma > wheel_m
     # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
     blurred = known & (surface.mean_over(sigma, 3) > (SHARPER if strict else SURE) * wheel_m)
     unseen = markov.distance_to_known_m(known, cell_m) > wheel_m
@@ -92,8 +91,8 @@ def descent_cost(
         cell_m: cell size.
         footprint_m: diameter of the circle that the robot covers.
         wheel_m: diameter of a wheel.
-        strict: bar also what stands out by `surface.LIKELY` of a wheel and may be noise, what is
-            a sigma less than a wheel high, and ground that is less sure than `SHARPER`.
+        strict: bar also what stands out by `surface.LIKELY` of a wheel and may be noise, and ground
+            that is less sure than `SHARPER`.
     """
     if np.isnan(elevation_m).all():
         return np.full(elevation_m.shape, np.inf)

@@ -22,7 +22,7 @@ WISHED = 3.0
 """How much more a cell is worth on ground that a team-mate waits to know."""
 ASKED = 12.0
 """How much more it is worth where it keeps a team-mate's most hopeful way from being safe ..."""
-ALL_ASKED = 40.0
+ALL_ASKED = 8.0
 """... and all such cells together, in looks that are just worth taking."""
 RIM_STEP_M, RIM_MOST = 0.3, 80
 """Where a team-mate has questions, looks are also offered from the very rim of the ground that can
@@ -62,8 +62,9 @@ class View:
     """(x, y, radius) of ground that a team-mate waits to know."""
     barred: tuple[tuple[float, float, float], ...] = ()
     """(x, y, radius) of ground on which the wheels came to a halt, whatever the map shows there."""
-    questions: Bools | None = None
-    """(H, W) what keeps a team-mate's most hopeful way down from being safe."""
+    questions: Floats | None = None
+    """(H, W) in [0, 1]: above 0 is what keeps a team-mate's most hopeful way down from being safe;
+    less than 1, what was asked before."""
     trail_m: Floats | None = None
     """(N, 2) where the robot has been: it can always go back the way it came."""
 
@@ -162,9 +163,9 @@ class Scene:
             blurred = wished & (self.sigma_m > SHARP * view.drive.wheel_m)
             worth[blurred] = view.interest[blurred]
             worth[wished] *= WISHED
-        if self.asked:
+        if view.questions is not None and self.asked:
             each = max(ASKED, ALL_ASKED * view.planner.min_gain_cells / self.asked)
-            worth[view.questions] = each * view.interest[view.questions]
+            worth = np.maximum(worth, each * view.interest * view.questions)
         for mate in view.others:
             worth[self._cells(mate.x_m, mate.y_m, 0.5 * view.drive.footprint_m)] = 0.0
         return worth
@@ -172,7 +173,7 @@ class Scene:
     @cached_property
     def asked(self) -> int:
         """How many cells are open questions."""
-        return 0 if self.view.questions is None else int(self.view.questions.sum())
+        return 0 if self.view.questions is None else int((self.view.questions > 0).sum())
 
     def _within(self, x_m: float, y_m: float, radius_m: float) -> Bools:
         """Return the mask (H, W) of the cells about a place."""
@@ -313,7 +314,7 @@ class Scene:
         assert view.questions is not None
         may = np.isfinite(self.travel[0]) & (self.cost <= 1.0)
         rim = may & ~(cv2.erode(may.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0)
-        away_m = markov.distance_to_known_m(view.questions, view.frame.cell_m)
+        away_m = markov.distance_to_known_m(view.questions > 0, view.frame.cell_m)
         rim &= away_m < view.sensor.range_m
         rows, cols = np.nonzero(rim)
         order = np.argsort(away_m[rows, cols], kind="stable")

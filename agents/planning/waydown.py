@@ -30,6 +30,7 @@ SHARP = 0.25
 """A rock is believed that was measured to this share of a wheel; of others one may ask again."""
 ROCKY = 40.0
 """By how much one does on which the map shows a rock: it may be noise, or seen too low."""
+LEAST_SIGMA_M = 1e-3
 TIRED = 6.0
 """After so many looks that were to show a place and did not, it costs twice as much."""
 
@@ -47,25 +48,34 @@ class Descent:
 
 
 @dataclass(frozen=True)
+class Relief:
+    """Ground as coarse as rocks need it; see `relief_of`."""
+
+    frame: GridFrame
+    elevation_m: Floats
+    """(h, w), NaN where unknown."""
+    sigma_m: Floats
+    """(h, w) against the ground next to each cell, inf where unknown."""
+
+
+@dataclass(frozen=True)
 class Hope:
     """The most hopeful way down, and what is not known of it."""
 
     path_m: Floats
     """(N, 2)."""
+    relief: Relief
+    """On which it was planned."""
     unseen: Bools
-    """(H, W) cells beside it that nobody has seen; `blurred` and `rock` likewise."""
+    """(h, w) cells of that beside it that nobody has seen; `blurred` and `rock` likewise."""
     blurred: Bools
     rock: Bools
 
-    @property
-    def questions(self) -> Bools:
-        """(H, W) all cells that keep it from being safe."""
-        return self.unseen | self.blurred | self.rock
-
-    def told(self, cell_m: float) -> str:
+    def told(self) -> str:
         """Return in words what keeps it from being safe."""
         names = {"unseen": self.unseen, "blurred": self.blurred, "rock": self.rock}
-        parts = [f"{cells.sum() * cell_m**2:.1f} m2 {name}" for name, cells in names.items()]
+        cell_m2 = self.relief.frame.cell_m**2
+        parts = [f"{cells.sum() * cell_m2:.1f} m2 {name}" for name, cells in names.items()]
         length_m = float(np.hypot(*np.diff(self.path_m, axis=0).T).sum())
         return f"the best way left is {length_m:.1f} m long: {', '.join(parts)}"
 
@@ -78,7 +88,7 @@ def safe_path(
     stand: Pose,
     goal_m: Point,
     *,
-    strict: bool = False,
+    strict: bool = True,
 ) -> Floats | None:
     """Return a way (N, 2) over known and safe ground from a stand to a goal, or None.
 
@@ -92,13 +102,13 @@ def safe_path(
         strict: bar what may be a rock, too (`descent.descent_cost`): for who may still wait.
     """
     stand_m = (stand.x_m, stand.y_m)
-    elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, stand)
-    if not _may_lead(frame, drive, ~np.isnan(elevation_m), stand_m, goal_m):
+    relief = relief_of(frame, drive, elevation_m, sigma_m, stand)
+    if not _may_lead(relief, drive, stand_m, goal_m):
         return None
     for room_m in ROOMS_M:
-        sizes = _sizes(frame, drive, room_m)
-        cost = descent.descent_cost(elevation_m, sigma_m, **sizes, strict=strict)
-        if (path_m := _way(frame, cost, stand_m, goal_m)) is not None:
+        sizes = _sizes(relief.frame, drive, room_m)
+        cost = descent.descent_cost(relief.elevation_m, relief.sigma_m, **sizes, strict=strict)
+        if (path_m := _way(relief.frame, cost, stand_m, goal_m)) is not None:
             return path_m
     return None
 
@@ -110,41 +120,75 @@ def hopeful(
 
     Ground that was not seen, or not sharply, costs more, and more the oftener it was asked about.
     """
-    elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, down.stand)
-    sizes = _sizes(frame, drive)
+    relief = relief_of(frame, drive, elevation_m, sigma_m, down.stand)
+    cell_m, sizes = relief.frame.cell_m, _sizes(relief.frame, drive)
     reach_m = 0.5 * sizes["footprint_m"]
-    bars = descent.barred(elevation_m, sigma_m, **sizes, strict=True)
+    bars = descent.barred(relief.elevation_m, relief.sigma_m, **sizes, strict=True)
     unknown, rock = bars.unseen | bars.blurred, bars.rock & ~bars.unseen
 
     def beside(cells: Bools) -> Bools:
-        return markov.distance_to_known_m(cells, frame.cell_m) <= reach_m
+        return markov.distance_to_known_m(cells, cell_m) <= reach_m
 
-    weight = ASKING * beside(unknown) + ROCKY * beside(rock)
-    weight = weight * (
-        1.0 + surface.mean_over(down.asked, surface.odd_cells(2.0 * reach_m, frame.cell_m)) / TIRED
-    )
+    tries = _blocks(down.asked, _factor(frame, drive), 0.0).max(axis=(1, 3))
+    disc = surface.disc(reach_m / cell_m)
+    tired = np.asarray(cv2.dilate(tries, disc), dtype=np.float64) / TIRED
+    weight = (ASKING * beside(unknown) + ROCKY * beside(rock)) * (1.0 + tired)
     stand_m = (down.stand.x_m, down.stand.y_m)
-    path_m = _way(frame, 1.0 + weight, stand_m, down.goal_m)
+    path_m = _way(relief.frame, 1.0 + weight, stand_m, down.goal_m)
     if path_m is None:
         return None
-    along = beside(_on(frame, path_m)) & ~within(frame, stand_m, STAND_M)
-    return Hope(path_m, bars.unseen & along, bars.blurred & along, rock & along)
+    along = beside(_on(relief.frame, path_m)) & ~within(relief.frame, stand_m, STAND_M)
+    return Hope(path_m, relief, bars.unseen & along, bars.blurred & along, rock & along)
 
 
 def open_questions(
     frame: GridFrame, drive: DriveSettings, elevation_m: Floats, sigma_m: Floats, down: Descent
 ) -> Bools:
-    """Return the cells (H, W) at which to look so that somebody may go down.
-
-    By the strict rule; none if it may by that.
-    """
+    """Return the cells (H, W) at which to look so that somebody may go down; none if it may now."""
     ground = (frame, drive, elevation_m, sigma_m)
-    if safe_path(*ground, down.stand, down.goal_m, strict=True) is None:
+    if safe_path(*ground, down.stand, down.goal_m) is None:
         hope = hopeful(*ground, down)
         if hope is not None:
             # A rock that was seen sharply is one.
-            return hope.unseen | hope.blurred | (hope.rock & (sigma_m > SHARP * drive.wheel_m))
+            vague = hope.rock & (hope.relief.sigma_m > SHARP * drive.wheel_m)
+            asked = hope.unseen | hope.blurred | vague
+            factor = _factor(frame, drive)
+            return asked.repeat(factor, 0).repeat(factor, 1)[: frame.rows, : frame.cols]
     return np.zeros(frame.shape, dtype=np.bool_)
+
+
+def relief_of(
+    frame: GridFrame, drive: DriveSettings, elevation_m: Floats, sigma_m: Floats, stand: Pose
+) -> Relief:
+    """Return the ground about a robot in cells of about half a wheel, its own stand known.
+
+    Finer cells are joined: what they err each for itself would look like rocks everywhere, and
+    nothing smaller is a rock to a wheel. Known is a cell that is known in part.
+    """
+    elevation_m, sigma_m = with_stand(frame, drive, elevation_m, sigma_m, stand)
+    factor = _factor(frame, drive)
+    if factor == 1:
+        return Relief(frame, elevation_m, sigma_m)
+    known = ~np.isnan(elevation_m)
+    weight = np.where(known, 1.0 / np.maximum(sigma_m, LEAST_SIGMA_M) ** 2, 0.0)
+    total = _blocks(weight, factor, 0.0).sum(axis=(1, 3))
+    sums = _blocks(np.where(known, weight * elevation_m, 0.0), factor, 0.0).sum(axis=(1, 3))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        heights_m, spread_m = sums / total, np.sqrt(1.0 / total)
+    joined = GridFrame(frame.x_m, frame.y_m, factor * frame.cell_m, *total.shape)
+    return Relief(joined, heights_m, spread_m)
+
+
+def _factor(frame: GridFrame, drive: DriveSettings) -> int:
+    """Return how many cells a side make one of at most half a wheel."""
+    return max(1, int(0.5 * drive.wheel_m / frame.cell_m + 1e-9))
+
+
+def _blocks(grid: Floats, factor: int, beyond: float) -> Floats:
+    """Return a grid (H, W) as blocks (h, factor, w, factor), filled up beyond its border."""
+    rows, cols = (-side % factor for side in grid.shape)
+    whole = np.pad(grid, ((0, rows), (0, cols)), constant_values=beyond)
+    return whole.reshape(whole.shape[0] // factor, factor, whole.shape[1] // factor, factor)
 
 
 def with_stand(
@@ -194,22 +238,20 @@ def _sizes(
     return {"cell_m": frame.cell_m, "footprint_m": footprint_m, "wheel_m": drive.wheel_m}
 
 
-def _may_lead(
-    frame: GridFrame, drive: DriveSettings, known: Bools, stand_m: Point, goal_m: Point
-) -> bool:
+def _may_lead(relief: Relief, drive: DriveSettings, stand_m: Point, goal_m: Point) -> bool:
     """Say whether seen ground joins the two at all: where it does not, nothing else need be asked.
 
     It is the cheapest part of `descent_cost`, and bars no more than that does.
     """
+    frame, known = relief.frame, ~np.isnan(relief.elevation_m)
     start = frame.cell_of(*stand_m)
     if not frame.holds(*start):
         return False
     unseen = markov.distance_to_known_m(known, frame.cell_m) > drive.wheel_m
     gap_m = markov.distance_to_known_m(unseen, frame.cell_m)
-    open_ground = (gap_m > 0.5 * _sizes(frame, drive)["footprint_m"]) | within(
-        frame, stand_m, STAND_M
-    )
-    _, labels = cv2.connectedComponents(open_ground.astype(np.uint8), connectivity=8)
+    wide = gap_m > 0.5 * _sizes(frame, drive)["footprint_m"]
+    may = wide | within(frame, stand_m, STAND_M)
+    _, labels = cv2.connectedComponents(may.astype(np.uint8), connectivity=8)
     return bool((labels[within(frame, goal_m, GOAL_M)] == labels[start]).any())
 
 
