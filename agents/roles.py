@@ -30,8 +30,6 @@ SEARCH_S = 60.0
 """A lost robot that saw nothing known looks round again after so long."""
 SEARCH_ROUNDS = 20
 """It looks round so often; then it waits to be seen."""
-HOLD_OUT_S = 2400.0
-"""So long the Cliff-bot holds out for a way by the strict rule, as long as somebody maps."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
 TRIES = 40
@@ -256,12 +254,12 @@ ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
 async def find_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
     """Return a safe way (N, 2) to the goal by the newest map, or None where there is none.
 
-    One by the strict rule if there is one; else, where waiting has no use any more, by the other.
+    One by the strict rule if there is one, else one by the other.
     """
     settings, ground = robot.settings, _ground(robot)
     place = (settings.frame, settings.drive, *ground, robot.pose, goal)
     path_m = await asyncio.to_thread(safe_path, *place, strict=True)
-    if path_m is None and (robot.now_s > HOLD_OUT_S or _nothing_more_to_come(robot)):
+    if path_m is None:
         path_m = await asyncio.to_thread(safe_path, *place, strict=False)
     return path_m
 

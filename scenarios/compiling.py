@@ -11,6 +11,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -56,7 +57,11 @@ def _compile_shares(caches: Sequence[Path]) -> None:
             env = {**os.environ, "ROPETEAM_CACHE": str(cache)}
             # A share that fails says nothing: its kernels are compiled once more, here.
             quiet = subprocess.DEVNULL
-            running.append(subprocess.Popen(command, env=env, stdout=quiet, stderr=quiet))
+            running.append(
+                subprocess.Popen(
+                    command, env=env, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet
+                )
+            )
         for share in running:
             share.wait()
     finally:
@@ -79,9 +84,15 @@ def put_together(source: Path, cache: Path) -> None:
 
 def _compile_share(k: int, shares: int) -> None:
     """Compile every so many-th kernel, from the k-th on, into this process's own cache."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     importlib.import_module("scenarios.crews.processes")
     kernels.make_folder()
     kernels.warm(slice(k, None, shares))
+
+
+def _end_with_parent() -> None:
+    sys.stdin.read()  # its end is the parent's, however that came
+    os._exit(1)
 
 
 if __name__ == "__main__":

@@ -99,7 +99,7 @@ def safe_path(
         sigma_m: (H, W) of each cell against the ground next to it.
         stand: where it stands; what the map forbids there is allowed.
         goal_m: where it is to go; it is enough to come within `GOAL_M`.
-        strict: bar what may be a rock, too (`descent.descent_cost`): for who may still wait.
+        strict: bar what may be a rock, too (`descent.descent_cost`).
     """
     stand_m = (stand.x_m, stand.y_m)
     relief = relief_of(frame, drive, elevation_m, sigma_m, stand)
