@@ -93,12 +93,13 @@ async def test_who_comes_late_is_told_all(server: Server) -> None:
     server.tell({"type": "state", "paused": True})
     socket = await connect(server)
     told = [await hear(socket) for _ in range(3)]
+    watched = await asyncio.to_thread(server.watched.wait, 20)  # set when all that was told
+    socket.close()
     assert [t["type"] for t in told] == ["head", "rows", "state"]
     assert told[0]["head"] == HEAD
     assert told[1]["rows"] == {"moves": [b"\x01"]}
     assert told[2]["paused"] is True
-    assert server.watched.is_set()
-    socket.close()
+    assert watched
 
 
 async def test_wishes_are_passed_on_and_nonsense_is_not(
