@@ -26,7 +26,7 @@ ROOMS_M = (2.0 * surface.CLEARANCE_M, surface.CLEARANCE_M)
 """Room that it leaves to hazards besides its own circle: the more, if there is such a way."""
 ASKING = 4.0
 """By how much a metre costs more that nobody has seen, or not sharply, in a hopeful plan."""
-SHARP = 0.25
+SHARP = 0.1
 """A rock is believed that was measured to this share of a wheel; of others one may ask again."""
 ROCKY = 40.0
 """By how much one does on which the map shows a rock: it may be noise, or seen too low."""
