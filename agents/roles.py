@@ -13,7 +13,7 @@ from agents.mapper import NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.member import SILENT_S
 from agents.messages import TetherCommand, pack_tethers
-from agents.planning.waydown import Descent, hopeful, safe_path
+from agents.planning.waydown import LAST_RISK, MOST_RISK, Descent, hopeful, safe_path
 from agents.robot import Robot
 from comms.frames import Kind
 
@@ -183,7 +183,7 @@ async def wait_for_path(robot: Robot, goal: tuple[float, float]) -> Floats | Non
         is_last = _nothing_more_to_come(robot)
         if is_last or planned_s < robot.map_changed_s:
             planned_s = robot.now_s
-            path_m = await find_path(robot, goal)
+            path_m = await find_path(robot, goal, LAST_RISK if is_last else MOST_RISK)
             if path_m is not None:
                 return path_m
         if is_last:
@@ -206,7 +206,7 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
             holder.cancel()
         if failures > TRIES:
             return None
-        onward = await find_path(robot, goal)
+        onward = await find_path(robot, goal, LAST_RISK)
         if onward is None:
             robot.log.event("barred", "the newest map shows no safe way on from here")
             robot.set_activity("waiting")
@@ -251,17 +251,13 @@ ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
 }
 
 
-async def find_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
-    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none.
-
-    One by the strict rule if there is one, else one by the other.
-    """
+async def find_path(
+    robot: Robot, goal: tuple[float, float], most_risk: float = MOST_RISK
+) -> Floats | None:
+    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none."""
     settings, ground = robot.settings, _ground(robot)
     place = (settings.frame, settings.drive, *ground, robot.pose, goal)
-    path_m = await asyncio.to_thread(safe_path, *place, strict=True)
-    if path_m is None:
-        path_m = await asyncio.to_thread(safe_path, *place, strict=False)
-    return path_m
+    return await asyncio.to_thread(safe_path, *place, most_risk=most_risk)
 
 
 def why_not(robot: Robot, goal: tuple[float, float]) -> str:

@@ -77,7 +77,7 @@ def relief_of(frame: GridFrame, elevation_m: Floats, cells: Bools) -> Relief:
     known = ~np.isnan(elevation_m)
     whole = np.where(known, elevation_m, 0.0)
     weights = np.array([0.25, 0.5, 0.25])
-    smooth = cv2.sepFilter2D(whole, cv2.CV_64F, weights, weights)
+    smooth = np.asarray(cv2.sepFilter2D(whole, cv2.CV_64F, weights, weights), dtype=np.float64)
     inner = cv2.erode(known.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0
     north, east = (np.gradient(smooth, frame.cell_m, axis=axis) for axis in (0, 1))
     deep = cv2.erode(inner.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=0) > 0

@@ -43,8 +43,8 @@ def refined(left: Grey, right: Grey, matched: Matched, stride_px: int) -> Matche
     lattice = matched.disparity_px[start::stride_px, start::stride_px]
     pixels = start + stride_px * np.argwhere(np.isfinite(lattice))
     fitted = np.full((len(pixels), 2), np.nan)
-    images = (np.asarray(image, dtype=np.float64) for image in (left, right))
-    _refine(*images, matched.disparity_px.astype(np.float64), pixels, fitted)
+    whole = matched.disparity_px.astype(np.float64)
+    _refine(left.astype(np.float64), right.astype(np.float64), whole, pixels, fitted)
     good = np.isfinite(fitted[:, 1])
     rows, cols = pixels[good, 0], pixels[good, 1]
     disparity, sigma = matched.disparity_px.copy(), matched.sigma_px.copy()
