@@ -168,7 +168,6 @@ def test_the_noise_of_single_cells_is_no_hazard_but_ground_that_nobody_is_sure_o
     rng = np.random.default_rng(3)
     noisy = slope(5) + rng.normal(scale=0.03, size=(80, 80))
     assert np.isfinite(cost_of(noisy, sigma=0.075)).mean() > 0.95
-    assert np.median(cost_of(noisy, sigma=1e-6)) > 2 * np.median(cost_of(noisy, sigma=0.075))
     assert np.isinf(cost_of(slope(5), sigma=0.5)).all()
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.geometry import Floats, GridFrame, Pose
-from agents.ground.descent import LEAST_ODDS, descent_cost, rock_odds
+from agents.ground.descent import LEAST_ODDS, UNKNOWN_ODDS, descent_cost, rock_odds
 from agents.ground.surface import CLEARANCE_M
 from agents.planning.waydown import (
     GOAL_M,
@@ -64,7 +64,7 @@ def test_what_nobody_saw_is_asked_where_the_way_crosses_it() -> None:
 
 
 def test_what_was_seen_badly_is_asked_too() -> None:
-    blurred = strip(SHARP, 5.0, 7.0, 0.15)
+    blurred = strip(SHARP, 5.0, 7.0, 0.25)
     level = np.zeros(SHAPE)
     assert safe_path(FRAME, DRIVE, level, blurred, STAND, GOAL) is None
     hope = hopeful(FRAME, DRIVE, level, blurred, down())
@@ -143,7 +143,8 @@ def test_the_odds_of_a_rock_by_hand() -> None:
     odds = rock_odds(heights, sigmas, 0.15)[0]
     logits = (0.4, 0.4 + 5.1 * np.log(0.5), 0.4 - np.log(0.2))
     assert odds == pytest.approx([1 / (1 + np.exp(-logit)) for logit in logits])
-    assert rock_odds(np.zeros((1, 1)), np.full((1, 1), 1e-9), 0.15)[0, 0] == LEAST_ODDS
+    sharp, blind = (rock_odds(np.zeros((1, 1)), np.full((1, 1), s), 0.15)[0, 0] for s in (0, 0.4))
+    assert (sharp, blind) == (LEAST_ODDS, pytest.approx(LEAST_ODDS + UNKNOWN_ODDS))
 
 
 @settings(max_examples=30, deadline=None)
@@ -155,7 +156,9 @@ def test_odds_rise_with_what_stands_out_and_fall_with_its_noise(
         return float(rock_odds(np.full((1, 1), h), np.full((1, 1), s), 0.15)[0, 0])
 
     assert 0 < odds(height_m, sigma_m) <= odds(more * height_m, sigma_m) < 1
-    assert odds(height_m, more * sigma_m) <= odds(height_m, sigma_m)
+    if height_m > 0.1:  # what hides in noise is another matter: that rises with it
+        assert odds(height_m, more * sigma_m) <= odds(height_m, sigma_m)
+    assert odds(0.0, sigma_m) <= odds(0.0, more * sigma_m)
 
 
 def bumps(height_m: float) -> tuple[GridFrame, Floats, Floats]:
@@ -178,7 +181,7 @@ def test_a_way_goes_round_what_may_be_rocks_and_knows_its_risk() -> None:
     straight[:, 100:] = np.nan  # nobody saw the gap
     through = least_risky(fine, DRIVE, straight, sigma, STAND, GOAL)
     assert through is not None
-    assert through.risk > 5 * way.risk
+    assert through.risk > 3 * way.risk
     limit = 0.5 * (way.risk + through.risk)
     assert safe_path(*place, most_risk=limit) is not None
     assert safe_path(fine, DRIVE, straight, sigma, STAND, GOAL, most_risk=limit) is None

@@ -13,15 +13,19 @@ import numpy as np
 from agents.geometry import Bools, Floats
 from agents.ground import markov, surface
 
-SURE = 0.5
-"""Ground whose sigma exceeds this share of a wheel may hide rocks: no tethered robot goes there."""
+SURE = 0.9
+"""Ground whose sigma exceeds this share of a wheel shows no rocks: no tethered robot goes there."""
 ODDS = (0.4, 5.1, -1.0)
 """The logit of the odds that a cell holds a rock or a step too high to climb: a constant, and what
 the logarithms of height and of sigma add, both as shares of the highest that it climbs. Fitted to
 what the Cliff-bot was told in 17 missions on both sensors (docs/vision.md)."""
 LEAST_HEIGHT, LEAST_SIGMA = 0.02, 0.1
 """Below these shares the map tells nothing more."""
-LEAST_ODDS = 1e-4
+LEAST_ODDS, UNKNOWN_ODDS = 1e-4, 0.016
+"""Odds of a rock where the map shows none for certain, and where it shows nothing: the share of all
+cells that hold one. Between them they rise with sigma's square."""
+BLIND = 2.0
+"""What is as unsure as so many times the highest rock that it climbs shows nothing."""
 ROCK = 0.2
 """What is a rock by these odds bars the way."""
 CLEARANCE_WEIGHT = 3.0
@@ -60,7 +64,8 @@ def rock_odds(calm_m: Floats, sigma_m: Floats, climb_m: float) -> Floats:
     constant, of_height, of_sigma = ODDS
     logit = constant + of_height * np.log(np.maximum(calm_m / climb_m, LEAST_HEIGHT))
     logit += of_sigma * np.log(np.maximum(sigma_m / climb_m, LEAST_SIGMA))
-    return np.maximum(1.0 / (1.0 + np.exp(-logit)), LEAST_ODDS)
+    hidden = UNKNOWN_ODDS * np.minimum(sigma_m / (BLIND * climb_m), 1.0) ** 2
+    return np.maximum(1.0 / (1.0 + np.exp(-logit)), LEAST_ODDS + hidden)
 
 
 def barred(
@@ -96,7 +101,7 @@ def descent_cost(
 
     A steep smooth face is allowed. Forbidden is whatever is nearer than half a footprint to rocks
     and ledges, to cells unknown farther than one wheel from measured ground, and to ground whose
-    sigma exceeds half a wheel (rocks must be seen); up to one footprint farther the cost rises
+    sigma exceeds 0.9 of a wheel (rocks must be seen); up to one footprint farther the cost rises
     towards it (by up to 3). All ground costs `RISK_WEIGHT` more for each cell with a rock that a
     metre on it is expected to meet.
 
