@@ -25,8 +25,9 @@ from scenarios.view.compare import (
 )
 from scenarios.view.growth import grown
 from scenarios.view.page import MODULES, asset, served
+from scenarios.view.playback import read_playback
 from scenarios.view.report import write_report
-from scenarios.view.rundir import read_playback, read_run
+from scenarios.view.rundir import read_run
 
 QUICK = ("planner.max_looks=3", "limit_s=240", "map.cell_m=0.4", "sensor.columns=32")
 KILLED = [{"at_s": 100.0, "restart": "explorer-2", "after_s": 20.0}]

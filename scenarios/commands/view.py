@@ -5,7 +5,6 @@ import importlib.util
 import shutil
 import subprocess
 import sys
-import webbrowser
 from pathlib import Path
 
 from scenarios.commands.parsing import OK, Commands
@@ -36,11 +35,11 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _browser(folder: Path) -> int:
-    from scenarios.view.livepage import has_screen
     from scenarios.view.report import FILE, write_report
+    from scenarios.view.window import open_page
 
     page = folder / FILE if (folder / FILE).is_file() else write_report(folder)
-    if has_screen() and webbrowser.open(page.resolve().as_uri()):
+    if open_page(page.resolve().as_uri()):
         print(f"In the browser: {page}")
     else:
         print(f"No browser can be opened here: open {page} yourself.")

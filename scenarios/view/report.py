@@ -7,8 +7,8 @@ from typing import Any
 from scenarios.errors import UsageError
 from scenarios.records.tables import write_atomic
 from scenarios.view.page import self_contained
-from scenarios.view.reel import Rows
-from scenarios.view.rundir import Run, Table, fitting, read_playback, read_run
+from scenarios.view.playback import Rows, read_playback
+from scenarios.view.rundir import Run, Table, fitting, read_run
 
 FILE = "report.html"
 _VERSIONS = ("ropeteam", "eclipse-zenoh", "numpy", "scipy", "numba")
