@@ -125,7 +125,7 @@ def rows_of(row: Row, index: dict[str, int]) -> Iterable[tuple[str, list[Any]]]:
                 row.new_cells, _round(row.coverage, 5),
             ]  # fmt: skip
         case TxRow():
-            when = (_round(row.start_s), _round(row.end_s))
+            when = (_round(row.start_s), _round(row.end_s), _round(row.chosen_s))
             yield "tx", [index[row.sender], row.seq, row.kind, row.bytes, *when]
         case RxRow():
             to, sender = index[row.receiver], index[row.sender]
