@@ -93,7 +93,8 @@ def environment(folder: Path) -> dict[str, str]:
     viewer.write_text('#!/bin/sh\ntest -s "$(eval echo \\$$#)"\n')
     viewer.chmod(0o755)
     path = os.pathsep.join([str(viewer.parent), os.environ["PATH"]])
-    told = {"PYTHONPATH": str(ROOT), "PATH": path, "PYTHONBREAKPOINT": "0", "BROWSER": "true"}
+    told = {"PYTHONPATH": str(ROOT), "PATH": path, "PYTHONBREAKPOINT": "0"}
+    told |= {"BROWSER": "true", "DISPLAY": ":0"}
     return {**os.environ, **told}
 
 

@@ -1,4 +1,4 @@
-"""The reader's browser."""
+"""The reader's screen: whether there is one, and a page in its browser."""
 
 import os
 import sys
@@ -10,5 +10,10 @@ def open_page(url: str) -> bool:
 
     A browser in the terminal would take it from the run.
     """
-    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
-    return (named or not sys.platform.startswith("linux")) and webbrowser.open(url)
+    return bool(has_window() or os.environ.get("BROWSER")) and webbrowser.open(url)
+
+
+def has_window() -> bool:
+    """Say whether a program could open a window here."""
+    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return named or not sys.platform.startswith("linux")
