@@ -119,7 +119,7 @@ export function endCards(run, links, { summary, scenario, versions }) {
     card("Robots", robotTable(run, summary)),
     card("Bytes", note("Charged bytes, the modem's overhead included."), bytesTable(run)),
     links,
-    make("details", { class: "card" }, make("summary", {}, "The scenario, complete"), make("pre", { tabindex: "0" }, scenario)),
+    make("details", { class: "card" }, make("summary", {}, "The scenario, complete"), note("The run's folder has it as scenario.toml; run that, and the same files come out."), make("pre", { tabindex: "0" }, scenario)),
     make("details", { class: "card" }, make("summary", {}, "Versions"), factTable(Object.entries(versions))),
   ];
 }
