@@ -118,6 +118,7 @@ WITH_COMMANDS = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.timeout(400)  # README.md has two dozen
 @WITH_COMMANDS
 def test_the_commands_of_a_page(
     page: Path,
