@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.geometry import Bools, Floats, Singles
+from agents.geometry import Bools, Floats, Pose, Singles
 from agents.ground.stands import Stands
 from agents.mapper import Expected, NextLook
 from agents.maps.elevation import UNIFORM, relief_sigma_m
@@ -17,7 +17,7 @@ from agents.planning.strategies import View, strategy
 from agents.planning.waydown import TIRED, Descent, open_questions
 from agents.ports import Exposure
 from agents.pose.localising import is_located
-from agents.stereo.eyes import MATE_RADIUS_M
+from agents.stereo.eyes import off_mates
 from comms.codec import sigma_as_sent
 
 if TYPE_CHECKING:
@@ -114,17 +114,12 @@ class ElevationMapper:
         robot = self.robot
         if robot.hardware.eyes is None:
             return exposure
-        points_m = robot.pose.team_from_robot(exposure.points_m)
-        kept = np.ones(len(points_m), dtype=np.bool_)
+        stands: list[tuple[Pose, float]] = []
         for _, mate in sorted(robot.mates.items()):
             if is_located(mate):
-                at, (x, y, _, _) = mate.status.pose, mate.status.variance
-                sigma_m = math.sqrt(robot.filter.sigma_m**2 + max(x, y))
-                away_m = np.hypot(points_m[:, 0] - at.x_m, points_m[:, 1] - at.y_m)
-                kept &= away_m > MATE_RADIUS_M + min(2.0 * sigma_m, MATE_RADIUS_M)
-        if kept.all():
-            return exposure
-        return replace(exposure, points_m=exposure.points_m[kept], sigma_m=exposure.sigma_m[kept])
+                sigma_m = math.sqrt(max(mate.status.variance[:2]) + robot.filter.sigma_m**2)
+                stands.append((mate.status.pose, sigma_m))
+        return off_mates(exposure, robot.pose, stands)
 
     def view(self) -> View:
         """Return what the planner sees: the team map and where everybody is."""

@@ -6,11 +6,11 @@ either side, and the arm keeps their rows level.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.geometry import Bools, Floats, wrap_angle
+from agents.geometry import Bools, Floats, Pose, wrap_angle
 from agents.ports import Exposure, Sighting
 from agents.settings import SensorSettings
 from agents.stereo.calibration import Calibration, pinhole
@@ -150,6 +150,25 @@ def _ground(points_m: Floats, feet_m: Sequence[Floats]) -> Bools:
     for foot_m in feet_m:
         kept &= _off(points_m, foot_m, MATE_RADIUS_M, MATE_TOP_M)
     return kept
+
+
+def off_mates(exposure: Exposure, pose: Pose, stands: Sequence[tuple[Pose, float]]) -> Exposure:
+    """Leave out the points that may be on a team-mate.
+
+    Args:
+        exposure: one look.
+        pose: from where it was taken.
+        stands: where team-mates say that they are, each with the standard deviation, in metres, of
+            how they stand to this robot: so much farther out, twice, points are left out, at most
+            as much as a robot is wide.
+    """
+    at_m = pose.team_from_robot(exposure.points_m)
+    kept = np.ones(len(at_m), dtype=np.bool_)
+    for stand, sigma_m in stands:
+        radius_m = MATE_RADIUS_M + min(2.0 * sigma_m, MATE_RADIUS_M)
+        foot_m = np.array((stand.x_m, stand.y_m, stand.z_m))
+        kept &= _off(at_m, foot_m, radius_m, MATE_TOP_M)
+    return replace(exposure, points_m=exposure.points_m[kept], sigma_m=exposure.sigma_m[kept])
 
 
 def _off(points_m: Floats, foot_m: Floats, radius_m: float, top_m: float) -> Bools:
