@@ -20,6 +20,10 @@ from comms.frames import Kind
 STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
 SLACK_M = 0.05
+"""So much more tether than a step needs is asked for, and as much again each time that it was taut
+all the same (the robot knows its place and the anchors' no better), up to `MOST_SLACK_M`: with
+0.3 m on both, a robot may slide."""
+MOST_SLACK_M = 0.3
 COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
 PATIENCE_S = 5.0
@@ -196,14 +200,17 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
 
     Where the newest map bars the way, it hangs on its tethers until the map shows another.
     """
-    failures = 0
+    failures, held = 0, 0
     while math.dist((robot.pose.x_m, robot.pose.y_m), path_m[-1]) > robot.settings.map.cell_m:
         x_m, y_m = _step_along(path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
-        holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m))
+        slack_m = min(SLACK_M * (1 + held), MOST_SLACK_M)
+        holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m, slack_m))
         try:
-            failures += not await robot.drive_to(x_m, y_m, STEP_M)
+            arrived = await robot.drive_to(x_m, y_m, STEP_M)
         finally:
             holder.cancel()
+        failures += not arrived
+        held = 0 if arrived else held + 1
         if failures > TRIES:
             return None
         onward = await find_path(robot, goal, LAST_RISK)
@@ -291,7 +298,7 @@ def _step_along(path_m: Floats, pose: Pose, near_m: float) -> tuple[float, float
             return x_m, y_m
 
 
-async def _hold_tethers(robot: Robot, x_m: float, y_m: float) -> None:
+async def _hold_tethers(robot: Robot, x_m: float, y_m: float, slack_m: float) -> None:
     """Ask both Anchor-bots for the tether that a point needs, until cancelled."""
     row, col = robot.settings.frame.cell_of(x_m, y_m)
     ground_m = robot.team.fused().elevation_m[row, col]
@@ -302,7 +309,7 @@ async def _hold_tethers(robot: Robot, x_m: float, y_m: float) -> None:
         for index, mate in sorted(robot.mates.items()):
             if robot.settings.roles[index] == "anchor":
                 at = mate.status.pose
-                length_m = math.dist((at.x_m, at.y_m, at.z_m), (x_m, y_m, z_m)) + SLACK_M
+                length_m = math.dist((at.x_m, at.y_m, at.z_m), (x_m, y_m, z_m)) + slack_m
                 commands.append(TetherCommand(index, length_m, rate))
         if commands and robot.radio is not None and robot.may_speak:
             robot.radio.send_urgent(Kind.TETHER, pack_tethers(commands), "tethers")
