@@ -20,10 +20,9 @@ from comms.frames import Kind
 STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
 SLACK_M = 0.05
-"""So much more tether than a step needs is asked for, and as much again each time that it was taut
-all the same (the robot knows its place and the anchors' no better), up to `MOST_SLACK_M`: with
-0.3 m on both, a robot may slide."""
-MOST_SLACK_M = 0.3
+"""So much more tether than a step needs is asked for, and as much again, from then on, each time
+that it was taut all the same: so far off are the places of robot and anchors, as they are told."""
+MOST_SLACK_M = 0.4
 COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
 PATIENCE_S = 5.0
@@ -36,8 +35,8 @@ SEARCH_ROUNDS = 20
 """It looks round so often; then it waits to be seen."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
-TRIES = 40
-"""Steps that may fail on a descent before the Cliff-bot gives up and stays."""
+TRIES = 20
+"""Steps that may fail one after another before the Cliff-bot gives up and stays."""
 
 
 async def explore(robot: Robot) -> None:
@@ -209,8 +208,7 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
             arrived = await robot.drive_to(x_m, y_m, STEP_M)
         finally:
             holder.cancel()
-        failures += not arrived
-        held = 0 if arrived else held + 1
+        failures, held = (0, held) if arrived else (failures + 1, held + 1)
         if failures > TRIES:
             return None
         onward = await find_path(robot, goal, LAST_RISK)
