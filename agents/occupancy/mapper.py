@@ -98,7 +98,7 @@ class OccupancyMapper:
         better than its anchors do. So it is a measurement against the newest of them.
         """
         robot = self.robot
-        if not robot.own.submaps:
+        if not (robot.own.submaps and robot.settings.map.matching):
             return
         camera = panned(robot.pose, exposure.pan_rad)
         found = await asyncio.to_thread(
