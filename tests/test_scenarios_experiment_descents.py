@@ -1,7 +1,7 @@
 """`descents`: verdicts on hand-made rows, classes of ground by hand, bad input, a small mission."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,8 @@ from scenarios.experiments.frame import Claim, Options
 from scenarios.experiments.ground.accuracy import CLASSES, accuracy, by_class
 from scenarios.experiments.tables import Row
 from scenarios.records.summary import RobotFinal
+from scenarios.schema import load
+from scenarios.stage import set_stage
 from sim.ground import Terrain
 
 
@@ -162,3 +164,15 @@ def test_a_small_mission_is_run_and_drawn(tmp_path: Path) -> None:
     assert conclude(rows).tables[-2].rows
     save_figure(tmp_path / "a.png", lambda figure: draw(figure, rows))
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_a_way_exists_unless_a_wall_leads_all_across() -> None:
+    stage = set_stage(load("cliff", ("air=memory",), seed=1))
+    terrain = stage.terrain
+    assert isinstance(terrain, Terrain)
+    assert stage.goal_m is not None
+    assert descents.way_exists(stage)
+    row = terrain.frame.cell_of(*stage.goal_m)[0] + 25
+    walled = terrain.elevation_m.copy()
+    walled[row : row + 3] += 2.0
+    assert not descents.way_exists(replace(stage, terrain=replace(terrain, elevation_m=walled)))

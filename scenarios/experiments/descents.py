@@ -13,7 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.planning.waydown import safe_path
+from agents.ground.paths import travel_field
+from agents.planning.waydown import GOAL_M, within
 from scenarios.errors import StudyError, UsageError
 from scenarios.experiments.descents_claims import conclude
 from scenarios.experiments.descents_figure import draw
@@ -25,13 +26,11 @@ from scenarios.runner import RECORDS_ONLY, RunResult, run
 from scenarios.schema import Scenario, load
 from scenarios.stage import Stage, set_stage
 from sim.errors import WorldError
-from sim.ground import Terrain
+from sim.ground import Terrain, footing_on
 
 CELL_M = 0.05
 SAMPLE_S = 20
 """Robots weigh their maps for the record so often: here nobody reads that."""
-EXACT_M = 0.001
-"""Sigma of the ground as it is."""
 RECON = "recon"
 CLIFFBOT = "cliffbot"
 
@@ -89,13 +88,16 @@ def measure(trial: Trial) -> Sequence[Row]:
 
 
 def way_exists(stage: Stage) -> bool:
-    """Say whether the Cliff-bot's own rule allows a way down on the ground as it is."""
-    terrain, scenario = stage.terrain, stage.scenario
+    """Say whether the ground as it is has a way down on which the Cliff-bot touches nothing."""
+    terrain, drive = stage.terrain, stage.scenario.drive
     assert isinstance(terrain, Terrain)
     assert stage.goal_m is not None
-    truth_m = terrain.elevation_m.astype(np.float64)
-    ground = (terrain.frame, scenario.drive, truth_m, np.full(truth_m.shape, EXACT_M))
-    return safe_path(*ground, stage.starts[CLIFFBOT], stage.goal_m) is not None
+    footing = footing_on(terrain, drive.footprint_m, drive.wheel_m, drive.climb_m)
+    cost = np.where(footing.open & ~footing.contact, 1.0, np.inf)
+    stand = stage.starts[CLIFFBOT]
+    start = np.array([terrain.frame.cell_of(stand.x_m, stand.y_m)])
+    away_m, _ = travel_field(cost, start, terrain.frame.cell_m)
+    return bool(np.isfinite(away_m[within(terrain.frame, stage.goal_m, GOAL_M)]).any())
 
 
 def _table(out: Path, name: str) -> list[dict[str, str]]:
