@@ -138,8 +138,8 @@ def test_two_hosts_and_a_router_leave_the_records_of_one_process(tmp_path: Path)
         assert on_hosts(ours, scenario, "--connect", at).wait(300) == 0, ours.said("runner.log")
     alone = run_of(small("pair", *MINUTE[:2], events=TRIALS), tmp_path / "alone")
     assert same_records(tmp_path / "hosted", alone.out)
-    logs = sorted(path.name for path in (tmp_path / "hosted").glob("*.mcap"))
-    assert logs == ["explorer-1.mcap", "explorer-2-1.mcap", "explorer-2.mcap", "explorer-3.mcap"]
+    logs = sorted(path.stem for path in (tmp_path / "hosted").glob("*.mcap"))
+    assert logs == ["explorer-1", "explorer-2", "explorer-2-1", "explorer-3", "run"]
 
 
 @pytest.mark.slow
