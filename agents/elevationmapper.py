@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.geometry import Bools, Floats, Singles
 from agents.mapper import Expected, NextLook
-from agents.maps.elevation import UNIFORM, relief_sigma_m
+from agents.maps.elevation import UNIFORM
 from agents.maps.elevationlook import bin_look
 from agents.planning.information import Interest
 from agents.planning.strategies import View, strategy
@@ -49,6 +49,11 @@ class ElevationMapper:
         pans = np.linspace(0.0, 2 * math.pi, planner.first_looks, endpoint=False)
         return tuple((float(pan), math.radians(planner.first_tilt_deg)) for pan in pans)
 
+    @property
+    def all_round(self) -> tuple[tuple[float, float], ...]:
+        """The same."""
+        return self.first_looks
+
     async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
         """Return Eq. 5 in the field of view, times the chance that a ray falls on a cell."""
         chances: Singles = await asyncio.to_thread(
@@ -64,7 +69,7 @@ class ElevationMapper:
         """Fuse one look into the own layer (Eqs. 19-21), and lose interest in what failed."""
         robot = self.robot
         index, submap = robot.current_submap()
-        known_before = robot.team.fused().known
+        known_before = robot.charted().known
         drawn_at, beyond = robot.placing()
         cells = await asyncio.to_thread(
             bin_look,
@@ -91,24 +96,25 @@ class ElevationMapper:
     def view(self) -> View:
         """Return what the planner sees: the team map and where everybody is."""
         robot = self.robot
-        fused = robot.team.fused()
+        fused = robot.charted()
+        others = [
+            *(mate.status.pose for _, mate in sorted(robot.mates.items()) if is_located(mate)),
+            *(landmark.pose for landmark in self.settings.landmarks),
+        ]
         return View(
             frame=self.settings.frame,
             elevation_m=fused.elevation_m,
-            sigma_m=relief_sigma_m(robot.team),
+            sigma_m=np.sqrt(robot.charted(relative=True).variance_m2),
             looks=fused.looks.astype(np.int64),
             interest=self.interest.share,
             pose=robot.pose,
             pose_sigma_m=robot.filter.sigma_m,
-            others=[
-                *(mate.status.pose for _, mate in sorted(robot.mates.items()) if is_located(mate)),
-                *(landmark.pose for landmark in self.settings.landmarks),
-            ],
+            others=others if robot.located else [],
             sensor=self.settings.sensor,
             drive=self.settings.drive,
             planner=self.settings.planner,
-            claims=robot.interest.regions(wished=False),
-            wishes=tuple(robot.interest.regions(wished=True)),
+            claims=robot.interest.regions(wished=False) if robot.located else [],
+            wishes=tuple(robot.interest.regions(wished=True)) if robot.located else (),
             barred=self.barred,
             trail_m=np.array(robot.trail),
         )

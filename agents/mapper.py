@@ -40,6 +40,11 @@ class Mapper(Protocol):
         """Pans and tilts, from ahead, of the looks that are taken before anything is chosen."""
         ...
 
+    @property
+    def all_round(self) -> tuple[tuple[float, float], ...]:
+        """Pans and tilts, from ahead, of looks that leave out no direction."""
+        ...
+
     async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
         """Return what a look from here is expected to measure."""
         ...

@@ -1,0 +1,187 @@
+"""Two maps of a floor: walls meet walls, and none stands where the other map has open floor."""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import ndimage
+
+from agents.geometry import Bools, Floats, GridFrame
+from agents.joining.fitting import Field, Fit, Moving, fit
+from agents.joining.searching import Strewn, around, middles_m, reach_m, search, turning
+from agents.joining.verdict import (
+    GUESSES,
+    Joined,
+    Judged,
+    Needs,
+    NotFound,
+    finalists,
+    verdict,
+)
+from agents.maps.occupancy import MAPPED
+
+MISSED = 0.35
+"""A wall of one map meets none of the other's so often, half a cell and half a turn's step off."""
+MOST_CELLS = 400
+"""Sides of both maps together, in cells of the search."""
+SOFT_CELLS = 1.0
+"""Walls are blurred by this standard deviation to be drawn towards."""
+LINE = 1.0 / (math.sqrt(2.0 * math.pi) * SOFT_CELLS)
+"""What is left of a wall of one cell's width in its middle."""
+VARIANCE = 0.1
+WRONG = 0.03
+"""Share of walls that meet open floor where both maps are of the same floor."""
+ALIKE = 4.0
+"""So many cells of a wall tell no more than one."""
+INFLATION = 4.0
+
+
+def strewn(frame: GridFrame, log_odds: Floats) -> Strewn:
+    """Return the mapped cells; planes are the number of solid and of free ones."""
+    mapped = np.abs(log_odds) > MAPPED
+    solid = log_odds[mapped] > 0
+    return Strewn(middles_m(frame, mapped), np.stack((solid, ~solid)).astype(np.float64))
+
+
+@dataclass(frozen=True)
+class Walls:
+    """`agents.joining.searching.Comparing` of floors.
+
+    What a pair of cells says is the likelihood ratio of their states, by the share that is solid.
+    """
+
+    solid_share: float
+
+    @property
+    def mix(self) -> Floats:
+        """See `Comparing.mix`; channels are known, and solid."""
+        share = min(max(self.solid_share, 0.01), 0.6)
+        both = math.log((1.0 - MISSED) / share)
+        one = math.log(MISSED / (1.0 - share))
+        none = math.log(max(1.0 - share * (1.0 + MISSED), 0.05) / (1.0 - share) ** 2)
+        return np.array(((none, one - none), (one - none, both + none - 2.0 * one)))
+
+    def channels(self, planes: Floats, cell_m: float) -> Floats:
+        """See `Comparing.channels`."""
+        del cell_m
+        solid = planes[0] > 0
+        return np.stack((solid | (planes[1] > 0), solid)).astype(np.float64)
+
+
+@dataclass(frozen=True)
+class _States:
+    """What is mapped of a floor, to be asked at points."""
+
+    frame: GridFrame
+    solid: Bools
+    free: Bools
+    near: Bools
+    """Solid, or next to it."""
+
+    @staticmethod
+    def of(strewn: Strewn, cell_m: float) -> "_States":
+        """Return the states of a map on the least grid that holds it."""
+        frame = around(strewn, cell_m)
+        planes = strewn.binned(frame)
+        solid = planes[0] > 0
+        near = np.asarray(ndimage.binary_dilation(solid, np.ones((3, 3))), dtype=np.bool_)
+        return _States(frame, solid, (planes[1] > 0) & ~solid, near)
+
+    def at(self, xy_m: Floats) -> tuple[Bools, Bools]:
+        """Return which points (N, 2) lie at a wall, and which well within open floor."""
+        cells = self.frame.cells_of(xy_m)
+        inside = ((cells >= 0) & (cells < self.frame.shape)).all(axis=1)
+        row, col = np.where(inside, cells[:, 0], 0), np.where(inside, cells[:, 1], 0)
+        near: Bools = inside & self.near[row, col]
+        return near, inside & self.free[row, col] & ~near
+
+    @property
+    def chance(self) -> float:
+        """Share of the mapped cells that lie at a wall."""
+        known = self.solid | self.free
+        return float((self.near & known).sum() / max(known.sum(), 1))
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A late-comer's map and a team's."""
+
+    own: Strewn
+    team: Strewn
+    cell_m: float
+
+    @cached_property
+    def coarse_m(self) -> float:
+        """Side of the cells of the search."""
+        grid = around(self.team, self.cell_m)
+        side_m = max(grid.shape) * self.cell_m + 2.0 * reach_m(self.own)
+        return self.cell_m * max(1, math.ceil(side_m / self.cell_m / MOST_CELLS))
+
+    @cached_property
+    def states(self) -> tuple[_States, _States]:
+        """The own map's and the team's."""
+        return _States.of(self.own, self.cell_m), _States.of(self.team, self.cell_m)
+
+    @cached_property
+    def walls(self) -> tuple[Floats, Floats]:
+        """The places (N, 2) of solid cells, own and the team's."""
+        own, team = (s.xy_m[s.planes[0] > 0] for s in (self.own, self.team))
+        return own, team
+
+    @cached_property
+    def field(self) -> Field:
+        """The team's walls, blurred."""
+        states = self.states[1]
+        frame = states.frame
+        pad = 3
+        soft = ndimage.gaussian_filter(np.pad(states.solid, pad).astype(np.float64), SOFT_CELLS)
+        wide = GridFrame(
+            frame.x_m - pad * frame.cell_m, frame.y_m - pad * frame.cell_m, frame.cell_m,
+            frame.rows + 2 * pad, frame.cols + 2 * pad,
+        )  # fmt: skip
+        value = np.minimum(soft / LINE, 1.0)
+        return Field(wide, value, np.full(value.shape, VARIANCE))
+
+    @cached_property
+    def moving(self) -> Moving:
+        """The own walls, which are drawn to the team's."""
+        places = self.walls[0]
+        ones = np.ones(len(places))
+        return Moving(places, ones, 0.0 * ones, None)
+
+    def judge(self, found: Fit) -> Judged:
+        """Return what speaks for a place: walls at walls, less those in open floor."""
+        own, team = self.states
+        home = (self.walls[1] - (found.x_m, found.y_m)) @ turning(found.turn_rad)
+        hits, misses = 0, 0
+        for states, places in ((team, found.carried(self.walls[0])), (own, home)):
+            near, open_floor = states.at(places)
+            hits += int(near.sum())
+            misses += int(open_floor.sum())
+        cells = int(np.count_nonzero(np.logical_or(*team.at(found.carried(self.own.xy_m)))))
+        chance = min(max(0.5 * (own.chance + team.chance), 0.02), 0.9)
+        gain = hits * math.log((1.0 - WRONG) / chance) + misses * math.log(WRONG / (1.0 - chance))
+        agreement = hits / max(hits + misses, 1)
+        return Judged(found, cells * self.cell_m**2, gain / ALIKE, agreement)
+
+    def place(self) -> Joined | NotFound:
+        """Return where the own map lies on the team's, if that is sure."""
+        needs = Needs(
+            overlap_m2=40.0, evidence=25.0, agreement=0.95, rival=0.6,
+            sigma_m=self.cell_m, sigma_rad=0.05, apart_m=2.0 * self.cell_m,
+        )  # fmt: skip
+        if min(len(places) for places in self.walls) < 12:
+            return NotFound("one of the maps shows too few walls")
+        coarse = self.team.binned(around(self.team, self.coarse_m))
+        known = ((coarse[0] > 0) | (coarse[1] > 0)).sum()
+        comparing = Walls(float((coarse[0] > 0).sum() / known))
+        least = 0.5 * needs.overlap_m2 / self.coarse_m**2
+        guesses = search(self.own, self.team, self.coarse_m, comparing, least)[:GUESSES]
+        near = [fit(self.moving, self.field, g.turn_rad, g.x_m, g.y_m, steps=8) for g in guesses]
+        best = finalists([f for f in near if f is not None], self.judge, self.own, needs)
+        close = [
+            fit(self.moving, self.field, b.fit.turn_rad, b.fit.x_m, b.fit.y_m, steps=15)
+            for b in best
+        ]
+        return verdict([self.judge(f) for f in close if f is not None], self.own, needs, INFLATION)
