@@ -289,7 +289,9 @@ class Robot(Member):
         assert body is not None
         if self.watch is not None:
             await self.watch.begin(turn_rad, self.filter)
+        self.stands_since_s = math.inf
         odometry = await body.drive(turn_rad, forward_m)
+        self.stands_since_s = self.now_s
         self.filter.predict(odometry)
         if self.watch is not None:
             await self.watch.end(odometry, self.filter)

@@ -19,6 +19,10 @@ FAR_CELLS = 2.0
 """No step goes farther than so many cells."""
 STILL = 1e-3
 """Steps below this share of a cell are the last."""
+BILINEAR = 4.0 / 3.0
+"""Variance of a slope that is read between cells, in theirs by the square of their side."""
+LEAST_SHARE = 1e-4
+"""So much is always left of what slopes tell, however little is more than noise."""
 LEAST = 12
 """So many cells must overlap."""
 
@@ -65,9 +69,9 @@ class Moving:
     """Side of the blocks of which all cells share an error, and its standard deviation; None:
     values can't be lifted."""
 
-    def thinned(self, step: int) -> "Moving":
-        """Return every so manieth cell."""
-        part = slice(step // 2, None, step)
+    def thinned(self, most: int) -> "Moving":
+        """Return no more than so many of the cells, or hardly."""
+        part = slice(None, None, max(1, len(self.xy_m) // most))
         return Moving(self.xy_m[part], self.value[part], self.variance[part], self.common_m)
 
 
@@ -100,6 +104,9 @@ class _Apart:
     apart: Floats
     """(K,) fixed less moving, before the lift."""
     variance: Floats
+    """Of both."""
+    fixed: Floats
+    """Variance of a slope of the fixed map, as that map states it."""
     slope: Floats
     """(K, 2)."""
     xy_m: Floats
@@ -137,6 +144,25 @@ class _Apart:
             pull += columns.T @ (shared * np.bincount(block, weight * residual))
         return bend + np.diag(1e-6 * np.diag(bend) + 1e-9), pull
 
+    def told(self, lift: float, misfit: float) -> Floats:
+        """Return the information (4, 4) of (x, y, lift, turn) less what is only noise of slopes.
+
+        Noise has slopes too: on ground that is even they would seem to tell where it lies. How
+        large it is, is by the residuals: the maps may state more.
+        """
+        bend, _ = self.normal(lift)
+        if self.common_m is None:
+            return bend
+        weight, arm = 1.0 / self.variance, self.xy_m - self.middle_m
+        noise = weight * self.fixed * min(misfit, 1.0)
+        by_turn = float((noise * (arm**2).sum(axis=1)).sum())
+        shift = float(noise.sum())
+        scale = np.sqrt(np.diag(bend))
+        less = (bend - np.diag((shift, shift, 0.0, by_turn))) / np.outer(scale, scale)
+        values, vectors = np.linalg.eigh(less)
+        kept = (vectors * np.maximum(values, LEAST_SHARE)) @ vectors.T
+        return kept * np.outer(scale, scale)
+
 
 def _apart(moving: Moving, field: Field, turn_rad: float, x_m: float, y_m: float) -> _Apart | None:
     there = moving.xy_m @ turning(turn_rad).T + (x_m, y_m)
@@ -144,7 +170,8 @@ def _apart(moving: Moving, field: Field, turn_rad: float, x_m: float, y_m: float
     if np.count_nonzero(known) < LEAST:
         return None
     own, spread = moving.value[known], moving.variance[known]
-    return _Apart(value - own, variance + spread, slope, there[known], moving.common_m)
+    steep = BILINEAR * variance / field.frame.cell_m**2
+    return _Apart(value - own, variance + spread, steep, slope, there[known], moving.common_m)
 
 
 def fit(
@@ -169,6 +196,6 @@ def fit(
     if now is None:
         return None
     worth = np.minimum((now.apart - lift) ** 2 / now.variance, 9.0)
-    covariance: Floats = np.linalg.inv(now.normal(lift)[0]).astype(np.float64)
-    turn_rad = math.remainder(turn_rad, 2 * math.pi)
-    return Fit(turn_rad, x_m, y_m, lift, len(worth), float(worth.mean()), covariance, now.middle_m)
+    misfit, turn_rad = float(worth.mean()), math.remainder(turn_rad, 2 * math.pi)
+    covariance: Floats = np.linalg.inv(now.told(lift, misfit)).astype(np.float64)
+    return Fit(turn_rad, x_m, y_m, lift, len(worth), misfit, covariance, now.middle_m)

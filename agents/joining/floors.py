@@ -8,17 +8,10 @@ import numpy as np
 from scipy import ndimage
 
 from agents.geometry import Bools, Floats, GridFrame
-from agents.joining.fitting import Field, Fit, Moving, fit
-from agents.joining.searching import Strewn, around, middles_m, reach_m, search, turning
-from agents.joining.verdict import (
-    GUESSES,
-    Joined,
-    Judged,
-    Needs,
-    NotFound,
-    finalists,
-    verdict,
-)
+from agents.joining.fitting import Field, Fit, Moving
+from agents.joining.placing import Pair
+from agents.joining.searching import Strewn, alike, around, middles_m, reach_m, turning
+from agents.joining.verdict import Judged, Needs
 from agents.maps.occupancy import MAPPED
 
 MISSED = 0.35
@@ -30,11 +23,15 @@ SOFT_CELLS = 1.0
 LINE = 1.0 / (math.sqrt(2.0 * math.pi) * SOFT_CELLS)
 """What is left of a wall of one cell's width in its middle."""
 VARIANCE = 0.1
+CLEAR_CELLS = 1
+"""A wall contradicts open floor that is at least so far from the other map's walls."""
 WRONG = 0.03
 """Share of walls that meet open floor where both maps are of the same floor."""
+LEAST_M2, OVERLAP = 45.0, 0.15
+"""So much floor must overlap, and such a share of the own map."""
 ALIKE = 4.0
 """So many cells of a wall tell no more than one."""
-INFLATION = 4.0
+INFLATION = 2.0
 
 
 def strewn(frame: GridFrame, log_odds: Floats) -> Strewn:
@@ -76,6 +73,7 @@ class _States:
     frame: GridFrame
     solid: Bools
     free: Bools
+    """Mapped as free, and no wall is near."""
     near: Bools
     """Solid, or next to it."""
 
@@ -85,8 +83,8 @@ class _States:
         frame = around(strewn, cell_m)
         planes = strewn.binned(frame)
         solid = planes[0] > 0
-        near = np.asarray(ndimage.binary_dilation(solid, np.ones((3, 3))), dtype=np.bool_)
-        return _States(frame, solid, (planes[1] > 0) & ~solid, near)
+        near = _grown(solid, 1)
+        return _States(frame, solid, (planes[1] > 0) & ~_grown(solid, CLEAR_CELLS), near)
 
     def at(self, xy_m: Floats) -> tuple[Bools, Bools]:
         """Return which points (N, 2) lie at a wall, and which well within open floor."""
@@ -103,20 +101,20 @@ class _States:
         return float((self.near & known).sum() / max(known.sum(), 1))
 
 
-@dataclass(frozen=True)
-class Floor:
-    """A late-comer's map and a team's."""
+def _grown(solid: Bools, cells: int) -> Bools:
+    wide = np.ones((2 * cells + 1, 2 * cells + 1))
+    return np.asarray(ndimage.binary_dilation(solid, wide), dtype=np.bool_)
 
-    own: Strewn
-    team: Strewn
-    cell_m: float
+
+class Floor(Pair):
+    """Two maps of a floor."""
 
     @cached_property
-    def coarse_m(self) -> float:
-        """Side of the cells of the search."""
+    def times(self) -> int:
+        """See `Pair.times`."""
         grid = around(self.team, self.cell_m)
         side_m = max(grid.shape) * self.cell_m + 2.0 * reach_m(self.own)
-        return self.cell_m * max(1, math.ceil(side_m / self.cell_m / MOST_CELLS))
+        return max(1, math.ceil(side_m / self.cell_m / MOST_CELLS))
 
     @cached_property
     def states(self) -> tuple[_States, _States]:
@@ -163,25 +161,38 @@ class Floor:
         chance = min(max(0.5 * (own.chance + team.chance), 0.02), 0.9)
         gain = hits * math.log((1.0 - WRONG) / chance) + misses * math.log(WRONG / (1.0 - chance))
         agreement = hits / max(hits + misses, 1)
-        return Judged(found, cells * self.cell_m**2, gain / ALIKE, agreement)
+        return Judged(found, cells * self.cell_m**2, gain / self.alike, agreement)
 
-    def place(self) -> Joined | NotFound:
-        """Return where the own map lies on the team's, if that is sure."""
-        needs = Needs(
-            overlap_m2=40.0, evidence=25.0, agreement=0.95, rival=0.6,
-            sigma_m=self.cell_m, sigma_rad=0.05, apart_m=2.0 * self.cell_m,
+    @cached_property
+    def needs(self) -> Needs:
+        """See `Needs`."""
+        return Needs(
+            overlap_m2=max(LEAST_M2, OVERLAP * self.own.size * self.cell_m**2), evidence=4.5,
+            agreement=0.94, rival=0.65, sigma_m=self.cell_m, sigma_rad=0.04,
+            apart_m=2.0 * self.cell_m, inflation=INFLATION, alike=0.9,
         )  # fmt: skip
-        if min(len(places) for places in self.walls) < 12:
-            return NotFound("one of the maps shows too few walls")
-        coarse = self.team.binned(around(self.team, self.coarse_m))
+
+    @cached_property
+    def alike(self) -> float:
+        """How many cells of walls tell no more than one: walls are long."""
+        planes = self.team.binned(around(self.team, self.cell_m))
+        solid, known = planes[0] > 0, (planes[0] > 0) | (planes[1] > 0)
+        apart = np.where(known, solid - solid.sum() / known.sum(), 0.0)
+        return max(ALIKE, alike(apart[None], known.astype(np.float64)))
+
+    @cached_property
+    def comparing(self) -> Walls:
+        """By how much of the team's map is solid."""
+        coarse = self.team.binned(self.grid)
         known = ((coarse[0] > 0) | (coarse[1] > 0)).sum()
-        comparing = Walls(float((coarse[0] > 0).sum() / known))
-        least = 0.5 * needs.overlap_m2 / self.coarse_m**2
-        guesses = search(self.own, self.team, self.coarse_m, comparing, least)[:GUESSES]
-        near = [fit(self.moving, self.field, g.turn_rad, g.x_m, g.y_m, steps=8) for g in guesses]
-        best = finalists([f for f in near if f is not None], self.judge, self.own, needs)
-        close = [
-            fit(self.moving, self.field, b.fit.turn_rad, b.fit.x_m, b.fit.y_m, steps=15)
-            for b in best
-        ]
-        return verdict([self.judge(f) for f in close if f is not None], self.own, needs, INFLATION)
+        return Walls(float((coarse[0] > 0).sum() / known))
+
+    def poor(self) -> str:
+        """See `Pair.poor`."""
+        few = min(len(places) for places in self.walls) < 12
+        return "one of the maps shows too few walls" if few else ""
+
+    def shared(self, found: Fit) -> Bools:
+        """See `Pair.shared`."""
+        near, open_floor = self.states[1].at(found.carried(self.own.xy_m))
+        return near | open_floor

@@ -6,32 +6,27 @@ from functools import cached_property
 
 import numpy as np
 
-from agents.geometry import Floats, GridFrame
-from agents.joining.fitting import Field, Fit, Moving, fit
-from agents.joining.searching import Strewn, around, middles_m, reach_m, search
-from agents.joining.verdict import (
-    GUESSES,
-    Joined,
-    Judged,
-    Needs,
-    NotFound,
-    finalists,
-    verdict,
-)
+from agents.geometry import Bools, Floats, GridFrame
+from agents.joining.fitting import Field, Fit, Moving
+from agents.joining.placing import Pair
+from agents.joining.searching import Strewn, alike, around, middles_m, reach_m
+from agents.joining.verdict import Judged, Needs
 
 STEEPEST = 1.0
 """Slopes are clipped to this: what is steeper is an edge that hides its own foot."""
 SPREAD = 0.35
 """Share of the slopes' own variance by which two looks at the same ground differ, half a cell and
 half a turn's step off."""
+OVERLAP = 0.15
+"""Share of the own map that must lie on the team's."""
 MOST_CELLS = 220
 """Sides of both maps together, in cells of the search."""
 COMMON_M = (3.0, 0.03)
 """Cells within so many metres share an error of so many: that of the looks' levelling."""
 INFLATION = 4.0
 """A look's levelling errs alike over more than a block: measured (docs/localisation.md)."""
-ALIKE = 8.0
-"""So many cells next to each other tell no more than one."""
+FINENESS = 15.0
+"""So many cells of the search from the middle of the own map to its edge."""
 SAME_MISFIT = 1.0
 """Residuals squared, in units of their variances, of ground that is the same."""
 
@@ -70,6 +65,19 @@ def slopes(planes: Floats, cell_m: float, least: float) -> tuple[Floats, Floats,
     return east, north, known.astype(np.float64)
 
 
+def _correlation(east: Floats, own_east: Floats, north: Floats, own_north: Floats) -> float:
+    """Return by how much slopes (N,) of two maps are the same, but for that of the whole.
+
+    1 are equal ones; that the ground falls off alike on both says little.
+    """
+    alike, size = 0.0, 1e-12
+    for one, other in ((east, own_east), (north, own_north)):
+        middle = 0.5 * (one.mean() + other.mean()) if len(one) else 0.0
+        alike += 2.0 * float(((one - middle) * (other - middle)).sum())
+        size += float(((one - middle) ** 2 + (other - middle) ** 2).sum())
+    return alike / size
+
+
 @dataclass(frozen=True)
 class Slopes:
     """`agents.joining.searching.Comparing` of elevation maps, by the slopes of both.
@@ -100,31 +108,25 @@ class Slopes:
         return np.stack((known, east, north, east**2 + north**2))
 
 
-@dataclass(frozen=True)
-class Ground:
-    """A late-comer's map and a team's, both strewn, and how fine the search is."""
-
-    own: Strewn
-    team: Strewn
-    cell_m: float
-    """Of the finer of the two maps."""
+class Ground(Pair):
+    """Two maps of the ground."""
 
     @cached_property
+    def times(self) -> int:
+        """See `Pair.times`; two or more."""
+        reach, grid = reach_m(self.own), around(self.team, self.cell_m)
+        side_m = max(grid.shape) * self.cell_m + 2.0 * reach
+        return max(2, math.ceil(max(reach / FINENESS, side_m / MOST_CELLS) / self.cell_m))
+
+    @property
     def coarse_m(self) -> float:
-        """Side of the cells of the search: two of the map's or more."""
-        grid = around(self.team, self.cell_m)
-        side_m = max(grid.shape) * self.cell_m + 2.0 * reach_m(self.own)
-        return self.cell_m * max(2, math.ceil(side_m / self.cell_m / MOST_CELLS))
+        """Side of the cells of the search."""
+        return self.grid.cell_m
 
     @property
     def least(self) -> float:
         """So many cells of the map make one of the search known."""
-        return max(1.0, 0.3 * (self.coarse_m / self.cell_m) ** 2)
-
-    @cached_property
-    def grid(self) -> GridFrame:
-        """The cells of the search that hold the team's map."""
-        return around(self.team, self.coarse_m)
+        return max(1.0, 0.3 * self.times**2)
 
     @cached_property
     def team_planes(self) -> Floats:
@@ -135,6 +137,14 @@ class Ground:
     def team_slopes(self) -> tuple[Floats, Floats, Floats]:
         """See `slopes`."""
         return slopes(self.team_planes, self.coarse_m, self.least)
+
+    @cached_property
+    def alike(self) -> float:
+        """How many cells tell no more than one: half of the slopes of any four are shared."""
+        east, north, known = self.team_slopes
+        count = max(float(known.sum()), 1.0)
+        fields = [np.where(known > 0, one - one.sum() / count, 0.0) for one in (east, north)]
+        return max(4.0, alike(np.stack(fields), known))
 
     @cached_property
     def comparing(self) -> Slopes:
@@ -152,14 +162,14 @@ class Ground:
 
     @cached_property
     def field(self) -> Field:
-        """The team's heights, twice as fine as the search."""
-        fine = around(self.team, self.coarse_m / 2)
+        """The team's heights, twice as fine as the search, or a little finer."""
+        fine = around(self.team, self.cell_m, self.times // 2)
         return Field(fine, *heights(self.team.binned(fine), 1.0))
 
     @cached_property
     def moving(self) -> Moving:
         """The own heights, as fine."""
-        fine = around(self.own, self.coarse_m / 2)
+        fine = around(self.own, self.cell_m, self.times // 2)
         value, variance = heights(self.own.binned(fine), 1.0)
         known = np.isfinite(variance)
         return Moving(middles_m(fine, known), value[known], variance[known], COMMON_M)
@@ -171,9 +181,7 @@ class Ground:
         own_east, own_north, own_known = slopes(moved, self.coarse_m, self.least)
         both = (known > 0) & (own_known > 0)
         cells = int(both.sum())
-        alike = 2.0 * float((east * own_east + north * own_north)[both].sum())
-        size = float((east**2 + north**2 + own_east**2 + own_north**2)[both].sum())
-        share = max(0.0, alike / max(size, 1e-12))
+        share = max(0.0, _correlation(east[both], own_east[both], north[both], own_north[both]))
         for_it = -cells * math.log1p(-(min(share, 0.9999) ** 2))
         against = 0.5 * cells * max(0.0, found.misfit - SAME_MISFIT)
         contradiction = ""
@@ -182,23 +190,25 @@ class Ground:
                 f"heights differ by {math.sqrt(found.misfit):.1f} sigmas where it fits best"
             )
         overlap_m2 = cells * self.coarse_m**2
-        return Judged(found, overlap_m2, (for_it - against) / ALIKE, share, contradiction)
+        return Judged(found, overlap_m2, (for_it - against) / self.alike, share, contradiction)
 
-    def place(self) -> Joined | NotFound:
-        """Return where the own map lies on the team's, if that is sure."""
-        needs = Needs(
-            overlap_m2=25.0, evidence=25.0, agreement=0.8, rival=0.6,
-            sigma_m=0.25, sigma_rad=0.03, apart_m=2.0 * self.coarse_m,
+    @cached_property
+    def needs(self) -> Needs:
+        """See `Needs`."""
+        return Needs(
+            overlap_m2=OVERLAP * self.own.size * self.cell_m**2, evidence=6.0, agreement=0.8,
+            rival=0.6, sigma_m=0.25 * self.coarse_m, sigma_rad=0.03, apart_m=2.0 * self.coarse_m,
+            inflation=INFLATION, alike=0.8,
         )  # fmt: skip
-        if min(self.own.size, self.team.size) < 50:
-            return NotFound("one of the maps is too small")
-        least = 0.5 * needs.overlap_m2 / self.coarse_m**2
-        guesses = search(self.own, self.team, self.coarse_m, self.comparing, least)[:GUESSES]
-        few = self.moving.thinned(4)
-        near = [fit(few, self.field, g.turn_rad, g.x_m, g.y_m, steps=8) for g in guesses]
-        best = finalists([f for f in near if f is not None], self.judge, self.own, needs)
-        close = [
-            fit(self.moving, self.field, b.fit.turn_rad, b.fit.x_m, b.fit.y_m, steps=15)
-            for b in best
-        ]
-        return verdict([self.judge(f) for f in close if f is not None], self.own, needs, INFLATION)
+
+    def poor(self) -> str:
+        """See `Pair.poor`."""
+        return "one of the maps is too small" if min(self.own.size, self.team.size) < 50 else ""
+
+    def shared(self, found: Fit) -> Bools:
+        """See `Pair.shared`."""
+        cells = self.grid.cells_of(found.carried(self.own.xy_m))
+        inside = ((cells >= 0) & (cells < self.grid.shape)).all(axis=1)
+        row, col = np.where(inside, cells[:, 0], 0), np.where(inside, cells[:, 1], 0)
+        shared: Bools = inside & (self.team_planes[2] > 0)[row, col]
+        return shared

@@ -102,12 +102,16 @@ def turning(turn_rad: float) -> Floats:
     return np.array(((c, -s), (s, c)))
 
 
-def around(strewn: Strewn, cell_m: float) -> GridFrame:
-    """Return the least grid of cells that holds a map."""
+def around(strewn: Strewn, cell_m: float, times: int = 1) -> GridFrame:
+    """Return the least grid that holds a map of cells, its own of so many times the side.
+
+    Each holds so many by so many whole ones: else their middles were not its own.
+    """
     low, high = strewn.xy_m.min(axis=0), strewn.xy_m.max(axis=0)
-    first = np.floor(low / cell_m)
-    cols, rows = (int(n) for n in np.floor(high / cell_m) - first + 1)
-    return GridFrame(float(first[0]) * cell_m, float(first[1]) * cell_m, cell_m, rows, cols)
+    side_m = times * cell_m
+    cols, rows = (int(n) for n in np.floor((high - low) / side_m + 0.5 / times) + 1)
+    x_m, y_m = (float(v) - 0.5 * cell_m for v in low)
+    return GridFrame(x_m, y_m, side_m, rows, cols)
 
 
 def reach_m(strewn: Strewn) -> float:
@@ -123,19 +127,19 @@ def turns(strewn: Strewn, cell_m: float) -> Floats:
 
 
 def search(
-    own: Strewn, team: Strewn, cell_m: float, comparing: Comparing, least_cells: float
+    own: Strewn, team: Strewn, grid: GridFrame, comparing: Comparing, least_cells: float
 ) -> list[Guess]:
     """Return where a map may lie on another, what most speaks for first.
 
     Args:
         own: the map that is to be placed.
         team: that on which it is placed.
-        cell_m: how fine to search.
+        grid: so fine to search; it holds all of the team's map.
         comparing: what cells say.
         least_cells: so much overlap, in cells, a place must have.
 
     """
-    grid = around(team, cell_m)
+    cell_m = grid.cell_m
     side = 2 * math.ceil(reach_m(own) / cell_m) + 3
     half_m = 0.5 * side * cell_m
     patch = GridFrame(-half_m, -half_m, cell_m, side, side)
@@ -167,6 +171,28 @@ def search(
             x_m, y_m = place - turning(turn_rad) @ own.middle_m
             found.append(Guess(turn_rad, float(x_m), float(y_m), float(best[sector, row, col])))
     return sorted(found, key=lambda guess: (-guess.gain, guess.turn_rad, guess.x_m, guess.y_m))
+
+
+def alike(fields: Floats, known: Floats) -> float:
+    """Return how many cells tell no more than one, because neighbours are alike.
+
+    Of two fields of one autocorrelation r the sample correlation is as sure as one of N / sum of
+    r^2 independent pairs (Bartlett, 1935).
+
+    Args:
+        fields: (F, rows, cols) of mean 0, 0 where unknown.
+        known: (rows, cols) 1 or 0.
+
+    """
+    shape = (_fast(2 * known.shape[0]), _fast(2 * known.shape[1]))
+    pairs = np.fft.irfft2(np.abs(np.fft.rfft2(known, shape)) ** 2, shape)
+    power = (np.abs(np.fft.rfft2(fields, shape)) ** 2).sum(axis=0)
+    mean = np.fft.irfft2(power, shape) / np.maximum(pairs, 1.0)
+    # At long lags there is little but chance, which would add up.
+    rows, cols = (np.minimum(np.arange(n), n - np.arange(n)) for n in shape)
+    near = np.ix_(rows <= known.shape[0] // 4, cols <= known.shape[1] // 4)
+    share = pairs[near] / max(float(pairs[0, 0]), 1.0)
+    return float((share * (mean[near] / max(float(mean[0, 0]), 1e-12)) ** 2).sum())
 
 
 def _fast(length: int) -> int:

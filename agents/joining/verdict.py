@@ -4,7 +4,6 @@ A wrong place is worse than none: a robot that does not know where it is says so
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +11,6 @@ import numpy as np
 from agents.geometry import Floats, Pose, wrap_angle
 from agents.joining.fitting import Fit
 from agents.joining.searching import Strewn
-
-GUESSES = 60
-"""So many places of the search are looked at closely ..."""
-FINALISTS = 8
-"""... and so many of them by all cells."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +38,7 @@ class Joined:
     middle_m: Floats
     """(2,) in the team's frame: the middle of the overlap."""
     told: str
+    judged: Judged
 
     def unsure_by(self, variance: Floats) -> "Joined":
         """Return it less sure, by variances (4,) of (x, y, z, yaw) of the team's map there."""
@@ -78,17 +73,21 @@ class Needs:
     sigma_rad: float
     apart_m: float
     """Places farther apart than this (or turned by more than `apart_rad`) are two."""
+    inflation: float
+    """Of the covariance by the residuals' information: what errs alike is not independent."""
+    alike: float
+    """A place of the own map of which so much agrees is like the one that was matched."""
     apart_rad: float = 0.1
 
 
-def verdict(places: list[Judged], own: Strewn, needs: Needs, inflation: float) -> Joined | NotFound:
+def verdict(places: list[Judged], own: Strewn, needs: Needs) -> Joined | NotFound:
     """Return where the map lies, if that is sure, else why it is not."""
     if not places:
         return NotFound("no place has enough overlap")
     ranked = sorted(places, key=lambda place: -place.evidence)
     best = ranked[0]
     rivals = [place for place in ranked[1:] if is_elsewhere(best, place, own, needs)]
-    covariance = inflation * best.fit.covariance
+    covariance = needs.inflation * best.fit.covariance
     worst_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     worst_rad = math.sqrt(float(covariance[3, 3]))
     doubts = (
@@ -118,7 +117,7 @@ def verdict(places: list[Judged], own: Strewn, needs: Needs, inflation: float) -
         f"{best.overlap_m2:.0f} m2 overlap, {best.agreement:.0%} of it agrees, to {worst_m:.2f} m"
     )
     origin = Pose(found.x_m, found.y_m, found.lift, wrap_angle(found.turn_rad))
-    return Joined(origin, covariance, found.middle_m, told)
+    return Joined(origin, covariance, found.middle_m, told, best)
 
 
 def is_elsewhere(one: Judged, other: Judged, own: Strewn, needs: Needs) -> bool:
@@ -126,15 +125,3 @@ def is_elsewhere(one: Judged, other: Judged, own: Strewn, needs: Needs) -> bool:
     apart = one.fit.carried(own.middle_m[None]) - other.fit.carried(own.middle_m[None])
     turned = abs(wrap_angle(one.fit.turn_rad - other.fit.turn_rad))
     return bool(np.hypot(*apart[0]) > needs.apart_m or turned > needs.apart_rad)
-
-
-def finalists(
-    guesses: list[Fit], judge: Callable[[Fit], Judged], own: Strewn, needs: Needs
-) -> list[Judged]:
-    """Return the best places, no two of them the same."""
-    ranked = sorted((judge(guess) for guess in guesses), key=lambda place: -place.evidence)
-    kept: list[Judged] = []
-    for place in ranked:
-        if len(kept) < FINALISTS and all(is_elsewhere(place, k, own, needs) for k in kept):
-            kept.append(place)
-    return kept
