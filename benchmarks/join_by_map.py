@@ -4,7 +4,7 @@
 
 Per world, so many seeded cases: a team's map and a late-comer's, from two to 30 m apart, many
 without any overlap. A place is wrong where it is off by more than two cells or three degrees. NEES
-is the squared error of (x, y, z, yaw) in units of the stated covariance; on a floor, of (x, y, yaw).
+is the squared error of (x, y, z, yaw) in units of the stated covariance; of (x, y, yaw) on floors.
 """
 
 import math

@@ -38,6 +38,13 @@ STRAY_M, STRAY_RAD = 0.02, 0.002
 GROUND_SENSOR = SensorSettings(columns=96, rows=72, range_m=10.0)
 FLOOR_SENSOR = SensorSettings(fov_deg=90.0, range_m=15.0, near_m=0.0)
 FOOTPRINT_M = 0.3
+FILES = {
+    "marsyard": ("marsyard_erc2021_0p09m", None),
+    "ames yard": ("ames_yard_0p5m", None),
+    "gale crater": ("mars_gale_hirise_1m", 0.25),
+    "hinwil": ("hinwil_2m", 0.25),
+}
+"""Real ground of the shared data; the last two at a quarter and an eighth of their scale."""
 Rng = np.random.Generator
 
 
@@ -63,10 +70,8 @@ def ground(name: str, seed: int, shared: Path) -> Terrain:
         waves = 0.15 * np.sin(2 * math.pi * x / 3.0) + 0.15 * np.sin(2 * math.pi * y / 4.0)
         level = waves if name == "ripples" else 0.0 * waves
         return Terrain(frame, level.astype(np.float32), np.ones(frame.shape, np.float32))
-    files = {"marsyard": ("marsyard_erc2021_0p09m", None), "ames yard": ("ames_yard_0p5m", None),
-             "gale crater": ("mars_gale_hirise_1m", 0.25), "hinwil": ("hinwil_2m", 0.25)}  # fmt: skip
-    if name in files:
-        file, cell_m = files[name]
+    if name in FILES:
+        file, cell_m = FILES[name]
         path = str(shared / "data" / "dem" / f"{file}.npz")
         settings = TerrainSettings(file=path, cell_m=cell_m)
     else:

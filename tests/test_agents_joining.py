@@ -205,7 +205,7 @@ def test_a_fit_takes_out_shift_turn_and_lift() -> None:
     truth = (0.03, 0.25, -0.3)
     there = spots @ turning(truth[0]).T + truth[1:]
     moving = Moving(spots, relief_m(there) - 0.7, np.full(4000, 1e-4), (3.0, 0.01))
-    found = fit(moving, field, 0.0, 0.0, 0.0, steps=20)
+    found = fit(moving, field, (0.0, 0.0, 0.0), steps=20)
     assert found is not None
     assert found.carried(spots) == pytest.approx(there, abs=0.02 * CELL_M * 10)
     assert found.lift == pytest.approx(0.7, abs=0.003)
@@ -217,7 +217,7 @@ def test_the_information_of_a_fit_is_that_of_its_slopes() -> None:
     field = Field(FRAME, plane, np.full(FRAME.shape, 0.5e-2))
     spots = np.random.default_rng(2).uniform(8.0, 16.0, (500, 2))
     moving = Moving(spots, spots[:, 0], np.full(500, 0.5e-2), (3.0, 0.0))
-    found = fit(moving, field, 0.0, 0.0, 0.0, steps=3)
+    found = fit(moving, field, (0.0, 0.0, 0.0), steps=3)
     assert found is not None
     information = np.linalg.inv(found.covariance)
     assert information[0, 0] == pytest.approx(500 / 1e-2, rel=1e-3)
@@ -229,7 +229,7 @@ def test_a_shared_error_of_a_block_bounds_what_its_cells_tell_of_the_lift() -> N
     field = Field(FRAME, relief_m(cells_m()).reshape(FRAME.shape), np.full(FRAME.shape, 1e-4))
     spots = np.random.default_rng(2).uniform(10.1, 19.9, (2000, 2))
     moving = Moving(spots, relief_m(spots), np.full(2000, 1e-4), (10.0, 0.1))
-    found = fit(moving, field, 0.0, 0.0, 0.0, steps=3)
+    found = fit(moving, field, (0.0, 0.0, 0.0), steps=3)
     assert found is not None
     assert found.covariance[2, 2] == pytest.approx(0.01, rel=0.05)
 

@@ -19,10 +19,6 @@ FAR_CELLS = 2.0
 """No step goes farther than so many cells."""
 STILL = 1e-3
 """Steps below this share of a cell are the last."""
-BILINEAR = 4.0 / 3.0
-"""Variance of a slope that is read between cells, in theirs by the square of their side."""
-LEAST_SHARE = 1e-4
-"""So much is always left of what slopes tell, however little is more than noise."""
 LEAST = 12
 """So many cells must overlap."""
 
@@ -105,8 +101,6 @@ class _Apart:
     """(K,) fixed less moving, before the lift."""
     variance: Floats
     """Of both."""
-    fixed: Floats
-    """Variance of a slope of the fixed map, as that map states it."""
     slope: Floats
     """(K, 2)."""
     xy_m: Floats
@@ -144,25 +138,6 @@ class _Apart:
             pull += columns.T @ (shared * np.bincount(block, weight * residual))
         return bend + np.diag(1e-6 * np.diag(bend) + 1e-9), pull
 
-    def told(self, lift: float, misfit: float) -> Floats:
-        """Return the information (4, 4) of (x, y, lift, turn) less what is only noise of slopes.
-
-        Noise has slopes too: on ground that is even they would seem to tell where it lies. How
-        large it is, is by the residuals: the maps may state more.
-        """
-        bend, _ = self.normal(lift)
-        if self.common_m is None:
-            return bend
-        weight, arm = 1.0 / self.variance, self.xy_m - self.middle_m
-        noise = weight * self.fixed * min(misfit, 1.0)
-        by_turn = float((noise * (arm**2).sum(axis=1)).sum())
-        shift = float(noise.sum())
-        scale = np.sqrt(np.diag(bend))
-        less = (bend - np.diag((shift, shift, 0.0, by_turn))) / np.outer(scale, scale)
-        values, vectors = np.linalg.eigh(less)
-        kept = (vectors * np.maximum(values, LEAST_SHARE)) @ vectors.T
-        return kept * np.outer(scale, scale)
-
 
 def _apart(moving: Moving, field: Field, turn_rad: float, x_m: float, y_m: float) -> _Apart | None:
     there = moving.xy_m @ turning(turn_rad).T + (x_m, y_m)
@@ -170,14 +145,23 @@ def _apart(moving: Moving, field: Field, turn_rad: float, x_m: float, y_m: float
     if np.count_nonzero(known) < LEAST:
         return None
     own, spread = moving.value[known], moving.variance[known]
-    steep = BILINEAR * variance / field.frame.cell_m**2
-    return _Apart(value - own, variance + spread, steep, slope, there[known], moving.common_m)
+    return _Apart(value - own, variance + spread, slope, there[known], moving.common_m)
 
 
 def fit(
-    moving: Moving, field: Field, turn_rad: float, x_m: float, y_m: float, *, steps: int
+    moving: Moving,
+    field: Field,
+    start: tuple[float, float, float],
+    *,
+    steps: int,
+    broad: Field | None = None,
 ) -> Fit | None:
-    """Return the best fit near a start, or None where too little overlaps."""
+    """Return the best fit near a start (turn, x, y), or None where too little overlaps.
+
+    The noise of a map has slopes too, by which even ground would seem to tell where it lies. So
+    what slopes tell is reckoned by those of a broader drawing of the fixed map, if there is one.
+    """
+    turn_rad, x_m, y_m = start
     now, lift = _apart(moving, field, turn_rad, x_m, y_m), 0.0
     if now is not None and moving.common_m is not None:
         lift = float(np.median(now.apart))
@@ -196,6 +180,9 @@ def fit(
     if now is None:
         return None
     worth = np.minimum((now.apart - lift) ** 2 / now.variance, 9.0)
-    misfit, turn_rad = float(worth.mean()), math.remainder(turn_rad, 2 * math.pi)
-    covariance: Floats = np.linalg.inv(now.told(lift, misfit)).astype(np.float64)
-    return Fit(turn_rad, x_m, y_m, lift, len(worth), misfit, covariance, now.middle_m)
+    told = now if broad is None else _apart(moving, broad, turn_rad, x_m, y_m)
+    if told is None:
+        return None
+    covariance: Floats = np.linalg.inv(told.normal(lift)[0]).astype(np.float64)
+    turn_rad, misfit = math.remainder(turn_rad, 2 * math.pi), float(worth.mean())
+    return Fit(turn_rad, x_m, y_m, lift, len(worth), misfit, covariance, told.middle_m)

@@ -142,6 +142,11 @@ class Floor(Pair):
         return Field(wide, value, np.full(value.shape, VARIANCE))
 
     @cached_property
+    def broad(self) -> Field:
+        """See `Pair.broad`: walls are drawn softly as it is."""
+        return self.field
+
+    @cached_property
     def moving(self) -> Moving:
         """The own walls, which are drawn to the team's."""
         places = self.walls[0]
@@ -167,7 +172,7 @@ class Floor(Pair):
     def needs(self) -> Needs:
         """See `Needs`."""
         return Needs(
-            overlap_m2=max(LEAST_M2, OVERLAP * self.own.size * self.cell_m**2), evidence=4.5,
+            overlap_m2=max(LEAST_M2, OVERLAP * self.own.size * self.cell_m**2), evidence=12.0,
             agreement=0.94, rival=0.65, sigma_m=self.cell_m, sigma_rad=0.04,
             apart_m=2.0 * self.cell_m, inflation=INFLATION, alike=0.9,
         )  # fmt: skip

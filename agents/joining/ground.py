@@ -23,8 +23,8 @@ MOST_CELLS = 220
 """Sides of both maps together, in cells of the search."""
 COMMON_M = (3.0, 0.03)
 """Cells within so many metres share an error of so many: that of the looks' levelling."""
-INFLATION = 4.0
-"""A look's levelling errs alike over more than a block: measured (docs/localisation.md)."""
+INFLATION = 1.0
+"""Of what residuals tell, blocks taken for one: NEES is right so (docs/localisation.md)."""
 FINENESS = 15.0
 """So many cells of the search from the middle of the own map to its edge."""
 SAME_MISFIT = 1.0
@@ -167,6 +167,11 @@ class Ground(Pair):
         return Field(fine, *heights(self.team.binned(fine), 1.0))
 
     @cached_property
+    def broad(self) -> Field:
+        """See `Pair.broad`."""
+        return Field(self.grid, *heights(self.team_planes, self.least))
+
+    @cached_property
     def moving(self) -> Moving:
         """The own heights, as fine."""
         fine = around(self.own, self.cell_m, self.times // 2)
@@ -196,7 +201,7 @@ class Ground(Pair):
     def needs(self) -> Needs:
         """See `Needs`."""
         return Needs(
-            overlap_m2=OVERLAP * self.own.size * self.cell_m**2, evidence=6.0, agreement=0.8,
+            overlap_m2=OVERLAP * self.own.size * self.cell_m**2, evidence=14.0, agreement=0.75,
             rival=0.6, sigma_m=0.25 * self.coarse_m, sigma_rad=0.03, apart_m=2.0 * self.coarse_m,
             inflation=INFLATION, alike=0.8,
         )  # fmt: skip

@@ -52,6 +52,11 @@ class Pair(ABC):
 
     @cached_property
     @abstractmethod
+    def broad(self) -> Field:
+        """The same drawn more broadly, of which noise has hardly any slopes left."""
+
+    @cached_property
+    @abstractmethod
     def moving(self) -> Moving:
         """The own map, to be held against it."""
 
@@ -97,7 +102,8 @@ class Pair(ABC):
         least = 0.5 * self.needs.overlap_m2 / self.grid.cell_m**2
         guesses = search(self.own, self.team, self.grid, self.comparing, least)[:GUESSES]
         few = self.moving.thinned(FEW)
-        near = [fit(few, self.field, g.turn_rad, g.x_m, g.y_m, steps=STEPS[0]) for g in guesses]
+        begin = [(guess.turn_rad, guess.x_m, guess.y_m) for guess in guesses]
+        near = [fit(few, self.field, start, steps=STEPS[0]) for start in begin]
         judged = [self.judge(found) for found in near if found is not None]
         kept: list[Judged] = []
         for one in sorted(judged, key=lambda place: -place.evidence):
@@ -105,7 +111,10 @@ class Pair(ABC):
             if is_new and len(kept) < FINALISTS:
                 kept.append(one)
         starts = [(one.fit.turn_rad, one.fit.x_m, one.fit.y_m) for one in kept]
-        close = [fit(self.moving, self.field, *start, steps=STEPS[1]) for start in starts]
+        close = [
+            fit(self.moving, self.field, start, steps=STEPS[1], broad=self.broad)
+            for start in starts
+        ]
         return [self.judge(found) for found in close if found is not None]
 
     def _likeness(self, found: Judged) -> str:
