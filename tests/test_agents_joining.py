@@ -12,6 +12,7 @@ from agents.joining import Joined, Joiner, NotFound, placed
 from agents.joining.fitting import Field, Fit, Moving, fit
 from agents.joining.searching import Strewn, alike, around, search, turning
 from agents.joining.verdict import Judged, Needs, verdict
+from agents.joining.walls import Lines
 from agents.maps.elevation import Estimate
 from agents.maps.planar import Occupancy
 
@@ -204,7 +205,7 @@ def test_a_fit_takes_out_shift_turn_and_lift() -> None:
     field = Field(FRAME, relief_m(cells_m()).reshape(FRAME.shape), np.full(FRAME.shape, 1e-4))
     truth = (0.03, 0.25, -0.3)
     there = spots @ turning(truth[0]).T + truth[1:]
-    moving = Moving(spots, relief_m(there) - 0.7, np.full(4000, 1e-4), (3.0, 0.01))
+    moving = Moving(spots, relief_m(there) - 0.7, np.full(4000, 1e-4), (3.0, 0.01), lifts=True)
     found = fit(moving, field, (0.0, 0.0, 0.0), steps=20)
     assert found is not None
     assert found.carried(spots) == pytest.approx(there, abs=0.02 * CELL_M * 10)
@@ -216,7 +217,7 @@ def test_the_information_of_a_fit_is_that_of_its_slopes() -> None:
     plane = cells_m()[:, 0].reshape(FRAME.shape)
     field = Field(FRAME, plane, np.full(FRAME.shape, 0.5e-2))
     spots = np.random.default_rng(2).uniform(8.0, 16.0, (500, 2))
-    moving = Moving(spots, spots[:, 0], np.full(500, 0.5e-2), (3.0, 0.0))
+    moving = Moving(spots, spots[:, 0], np.full(500, 0.5e-2), (3.0, 0.0), lifts=True)
     found = fit(moving, field, (0.0, 0.0, 0.0), steps=3)
     assert found is not None
     information = np.linalg.inv(found.covariance)
@@ -228,10 +229,22 @@ def test_a_shared_error_of_a_block_bounds_what_its_cells_tell_of_the_lift() -> N
     """One block whose cells share an error of 0.1 m can't tell the lift better than to 0.1 m."""
     field = Field(FRAME, relief_m(cells_m()).reshape(FRAME.shape), np.full(FRAME.shape, 1e-4))
     spots = np.random.default_rng(2).uniform(10.1, 19.9, (2000, 2))
-    moving = Moving(spots, relief_m(spots), np.full(2000, 1e-4), (10.0, 0.1))
+    moving = Moving(spots, relief_m(spots), np.full(2000, 1e-4), (10.0, 0.1), lifts=True)
     found = fit(moving, field, (0.0, 0.0, 0.0), steps=3)
     assert found is not None
     assert found.covariance[2, 2] == pytest.approx(0.01, rel=0.05)
+
+
+def test_of_a_wall_the_distance_across_counts_and_beyond_its_end_the_whole() -> None:
+    wall = np.column_stack((np.arange(0.0, 4.01, 0.4), np.full(11, 2.0)))
+    points = np.array(((1.9, 2.3), (1.9, 1.7), (4.6, 2.0), (2.0, 9.0)))
+    known, value, variance, slope = Lines(wall, 0.4).at(points)
+    assert known.tolist() == [True, True, True, False]
+    assert np.abs(value) == pytest.approx([0.3, 0.3, 0.6])
+    assert value[0] * value[1] < 0, "on either side"
+    assert slope[0] * value[0] == pytest.approx((0.0, 0.3))
+    assert slope[2] * value[2] == pytest.approx((0.6, 0.0))
+    assert variance == pytest.approx([0.16**2] * 3)
 
 
 def test_neighbours_that_are_alike_tell_less() -> None:

@@ -7,6 +7,7 @@ rock from here is seen from there.
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -23,15 +24,33 @@ LEAST = 12
 """So many cells must overlap."""
 
 
+class Reading(Protocol):
+    """The fixed map, as it is read at any point."""
+
+    @property
+    def cell_m(self) -> float:
+        """Side of its cells."""
+        ...
+
+    def at(self, xy_m: Floats) -> tuple[Bools, Floats, Floats, Floats]:
+        """Return which points (N, 2) have a value, that (K,), its variance and slope (K, 2)."""
+        ...
+
+
 @dataclass(frozen=True)
 class Field:
-    """The fixed map: values (rows, cols) and their variances, read between cells."""
+    """A map of values: values (rows, cols) and their variances, read between cells."""
 
     frame: GridFrame
     value: Floats
     """Finite, whatever it is where the variance is not."""
     variance: Floats
     """inf where unknown."""
+
+    @property
+    def cell_m(self) -> float:
+        """See `Reading.cell_m`."""
+        return self.frame.cell_m
 
     def at(self, xy_m: Floats) -> tuple[Bools, Floats, Floats, Floats]:
         """Return whether points (N, 2) lie among four known cells, and what is there.
@@ -61,14 +80,16 @@ class Moving:
     xy_m: Floats
     value: Floats
     variance: Floats
-    common_m: tuple[float, float] | None
-    """Side of the blocks of which all cells share an error, and its standard deviation; None:
-    values can't be lifted."""
+    common_m: tuple[float, float]
+    """Side of the blocks of which all cells share an error, and its standard deviation."""
+    lifts: bool
+    """Whether all values may be off by one number, as heights are."""
 
     def thinned(self, most: int) -> "Moving":
         """Return no more than so many of the cells, or hardly."""
         part = slice(None, None, max(1, len(self.xy_m) // most))
-        return Moving(self.xy_m[part], self.value[part], self.variance[part], self.common_m)
+        xy_m, value, variance = self.xy_m[part], self.value[part], self.variance[part]
+        return Moving(xy_m, value, variance, self.common_m, self.lifts)
 
 
 @dataclass(frozen=True)
@@ -104,7 +125,8 @@ class _Apart:
     slope: Floats
     """(K, 2)."""
     xy_m: Floats
-    common_m: tuple[float, float] | None
+    common_m: tuple[float, float]
+    lifts: bool
 
     @property
     def middle_m(self) -> Floats:
@@ -121,40 +143,43 @@ class _Apart:
         weight = (1.0 + residual**2 / self.variance / OUTLYING**2) ** -2 / self.variance
         arm = self.xy_m - self.middle_m
         by_turn = self.slope[:, 1] * arm[:, 0] - self.slope[:, 0] * arm[:, 1]
-        lifted = np.full(len(residual), 0.0 if self.common_m is None else -1.0)
+        lifted = np.full(len(residual), -1.0 if self.lifts else 0.0)
         jacobian = np.column_stack((self.slope, lifted, by_turn))
         weighed = jacobian * weight[:, None]
         bend, pull = weighed.T @ jacobian, -weighed.T @ residual
-        if self.common_m is None:
+        # What the cells of a block share is taken out of what they tell (Woodbury).
+        side_m, sigma_m = self.common_m
+        _, block = np.unique(np.floor(self.xy_m / side_m), axis=0, return_inverse=True)
+        block = block.ravel()
+        columns = np.stack([np.bincount(block, column) for column in weighed.T], axis=1)
+        shared = sigma_m**2 / (1.0 + sigma_m**2 * np.bincount(block, weight))
+        bend -= (columns * shared[:, None]).T @ columns
+        pull += columns.T @ (shared * np.bincount(block, weight * residual))
+        if not self.lifts:
             bend[2, 2] = 1.0
-        else:
-            # What the cells of a block share is taken out of what they tell (Woodbury).
-            side_m, sigma_m = self.common_m
-            _, block = np.unique(np.floor(self.xy_m / side_m), axis=0, return_inverse=True)
-            block = block.ravel()
-            columns = np.stack([np.bincount(block, column) for column in weighed.T], axis=1)
-            shared = sigma_m**2 / (1.0 + sigma_m**2 * np.bincount(block, weight))
-            bend -= (columns * shared[:, None]).T @ columns
-            pull += columns.T @ (shared * np.bincount(block, weight * residual))
         return bend + np.diag(1e-6 * np.diag(bend) + 1e-9), pull
 
 
-def _apart(moving: Moving, field: Field, turn_rad: float, x_m: float, y_m: float) -> _Apart | None:
+def _apart(
+    moving: Moving, field: Reading, turn_rad: float, x_m: float, y_m: float
+) -> _Apart | None:
     there = moving.xy_m @ turning(turn_rad).T + (x_m, y_m)
     known, value, variance, slope = field.at(there)
     if np.count_nonzero(known) < LEAST:
         return None
     own, spread = moving.value[known], moving.variance[known]
-    return _Apart(value - own, variance + spread, slope, there[known], moving.common_m)
+    return _Apart(
+        value - own, variance + spread, slope, there[known], moving.common_m, moving.lifts
+    )
 
 
 def fit(
     moving: Moving,
-    field: Field,
+    field: Reading,
     start: tuple[float, float, float],
     *,
     steps: int,
-    broad: Field | None = None,
+    broad: Reading | None = None,
 ) -> Fit | None:
     """Return the best fit near a start (turn, x, y), or None where too little overlaps.
 
@@ -163,19 +188,19 @@ def fit(
     """
     turn_rad, x_m, y_m = start
     now, lift = _apart(moving, field, turn_rad, x_m, y_m), 0.0
-    if now is not None and moving.common_m is not None:
+    if now is not None and moving.lifts:
         lift = float(np.median(now.apart))
     for _ in range(steps):
         if now is None:
             return None
         step = np.linalg.solve(*now.normal(lift))
         longest = max(abs(step[0]), abs(step[1]), abs(step[3]) * now.arm_m)
-        step = step * min(1.0, FAR_CELLS * field.frame.cell_m / max(longest, 1e-12))
+        step = step * min(1.0, FAR_CELLS * field.cell_m / max(longest, 1e-12))
         place = np.array((x_m, y_m)) - now.middle_m
         x_m, y_m = (float(v) for v in turning(step[3]) @ place + now.middle_m + step[:2])
         turn_rad, lift = turn_rad + float(step[3]), lift + float(step[2])
         now = _apart(moving, field, turn_rad, x_m, y_m)
-        if longest < STILL * field.frame.cell_m:
+        if longest < STILL * field.cell_m:
             break
     if now is None:
         return None

@@ -8,21 +8,19 @@ import numpy as np
 from scipy import ndimage
 
 from agents.geometry import Bools, Floats, GridFrame
-from agents.joining.fitting import Field, Fit, Moving
+from agents.joining.fitting import Fit, Moving
 from agents.joining.placing import Pair
 from agents.joining.searching import Strewn, alike, around, middles_m, reach_m, turning
 from agents.joining.verdict import Judged, Needs
+from agents.joining.walls import Lines
 from agents.maps.occupancy import MAPPED
 
 MISSED = 0.35
 """A wall of one map meets none of the other's so often, half a cell and half a turn's step off."""
 MOST_CELLS = 400
 """Sides of both maps together, in cells of the search."""
-SOFT_CELLS = 1.0
-"""Walls are blurred by this standard deviation to be drawn towards."""
-LINE = 1.0 / (math.sqrt(2.0 * math.pi) * SOFT_CELLS)
-"""What is left of a wall of one cell's width in its middle."""
-VARIANCE = 0.1
+COMMON_M = (3.0, 0.08)
+"""Cells of walls within so many metres share an error of so many: that of what they fell into."""
 CLEAR_CELLS = 1
 """A wall contradicts open floor that is at least so far from the other map's walls."""
 WRONG = 0.03
@@ -31,7 +29,7 @@ LEAST_M2, OVERLAP = 45.0, 0.15
 """So much floor must overlap, and such a share of the own map."""
 ALIKE = 4.0
 """So many cells of a wall tell no more than one."""
-INFLATION = 2.0
+INFLATION = 1.0
 
 
 def strewn(frame: GridFrame, log_odds: Floats) -> Strewn:
@@ -128,30 +126,21 @@ class Floor(Pair):
         return own, team
 
     @cached_property
-    def field(self) -> Field:
-        """The team's walls, blurred."""
-        states = self.states[1]
-        frame = states.frame
-        pad = 3
-        soft = ndimage.gaussian_filter(np.pad(states.solid, pad).astype(np.float64), SOFT_CELLS)
-        wide = GridFrame(
-            frame.x_m - pad * frame.cell_m, frame.y_m - pad * frame.cell_m, frame.cell_m,
-            frame.rows + 2 * pad, frame.cols + 2 * pad,
-        )  # fmt: skip
-        value = np.minimum(soft / LINE, 1.0)
-        return Field(wide, value, np.full(value.shape, VARIANCE))
+    def field(self) -> Lines:
+        """The team's walls."""
+        return Lines(self.walls[1], self.cell_m)
 
     @cached_property
-    def broad(self) -> Field:
-        """See `Pair.broad`: walls are drawn softly as it is."""
+    def broad(self) -> Lines:
+        """See `Pair.broad`: the directions of walls are those of many cells as it is."""
         return self.field
 
     @cached_property
     def moving(self) -> Moving:
-        """The own walls, which are drawn to the team's."""
+        """The own walls, which are to lie on the team's."""
         places = self.walls[0]
-        ones = np.ones(len(places))
-        return Moving(places, ones, 0.0 * ones, None)
+        nothing = np.zeros(len(places))
+        return Moving(places, nothing, nothing, COMMON_M, lifts=False)
 
     def judge(self, found: Fit) -> Judged:
         """Return what speaks for a place: walls at walls, less those in open floor."""
@@ -173,7 +162,7 @@ class Floor(Pair):
         """See `Needs`."""
         return Needs(
             overlap_m2=max(LEAST_M2, OVERLAP * self.own.size * self.cell_m**2), evidence=12.0,
-            agreement=0.94, rival=0.65, sigma_m=self.cell_m, sigma_rad=0.04,
+            agreement=0.93, rival=0.65, sigma_m=self.cell_m, sigma_rad=0.04,
             apart_m=2.0 * self.cell_m, inflation=INFLATION, alike=0.9,
         )  # fmt: skip
 

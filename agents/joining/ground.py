@@ -177,7 +177,7 @@ class Ground(Pair):
         fine = around(self.own, self.cell_m, self.times // 2)
         value, variance = heights(self.own.binned(fine), 1.0)
         known = np.isfinite(variance)
-        return Moving(middles_m(fine, known), value[known], variance[known], COMMON_M)
+        return Moving(middles_m(fine, known), value[known], variance[known], COMMON_M, lifts=True)
 
     def judge(self, found: Fit) -> Judged:
         """Return what speaks for a place: how slopes agree, less what heights contradict."""

@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Self
 
 from agents.geometry import Bools, GridFrame, wrap_angle
-from agents.joining.fitting import Field, Fit, Moving, fit
+from agents.joining.fitting import Fit, Moving, Reading, fit
 from agents.joining.searching import Comparing, Strewn, around, search
 from agents.joining.verdict import Joined, Judged, Needs, NotFound, is_elsewhere, verdict
 
@@ -47,12 +47,12 @@ class Pair(ABC):
 
     @cached_property
     @abstractmethod
-    def field(self) -> Field:
+    def field(self) -> Reading:
         """The team's map, to be read between its cells."""
 
     @cached_property
     @abstractmethod
-    def broad(self) -> Field:
+    def broad(self) -> Reading:
         """The same drawn more broadly, of which noise has hardly any slopes left."""
 
     @cached_property

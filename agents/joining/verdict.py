@@ -87,7 +87,8 @@ def verdict(places: list[Judged], own: Strewn, needs: Needs) -> Joined | NotFoun
     ranked = sorted(places, key=lambda place: -place.evidence)
     best = ranked[0]
     rivals = [place for place in ranked[1:] if is_elsewhere(best, place, own, needs)]
-    covariance = needs.inflation * best.fit.covariance
+    # Where residuals are larger than the maps state, so is what they leave unsure.
+    covariance = needs.inflation * max(1.0, best.fit.misfit) * best.fit.covariance
     worst_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
     worst_rad = math.sqrt(float(covariance[3, 3]))
     doubts = (
