@@ -3,8 +3,9 @@
     python benchmarks/join_by_map.py [CASES [WORLD ...]]
 
 Per world, so many seeded cases: a team's map and a late-comer's, from two to 30 m apart, many
-without any overlap. A place is wrong where it is off by more than two cells or three degrees. NEES
-is the squared error of (x, y, z, yaw) in units of the stated covariance; of (x, y, yaw) on floors.
+without any overlap. Enough is 30 % of the late-comer's map and 80 m2. A place is wrong where it is
+off by more than two cells or three degrees. NEES is the squared error of (x, y, z, yaw) in units of
+the stated covariance; of (x, y, yaw) on floors.
 """
 
 import math
@@ -29,8 +30,10 @@ FLOORS = (
     "hall", "building", "willow_garage_0p05", "ut_gdc_floor3_0p05", "ut_gdc_floor2_0p05",
     "offices", "empty",
 )  # fmt: skip
-ENOUGH = 0.3
-"""Share of the late-comer's map that the team knows, from which on it should be found."""
+ENOUGH, ENOUGH_M2 = 0.3, 80.0
+"""Share of the late-comer's map that the team knows, and m2, from which on it should be found."""
+SEEDS = 5000
+"""Cases are numbered from here: none was looked at when the numbers of the method were chosen."""
 APART_M = {"ground": (3.0, 6.0, 9.0, 30.0), "floor": (3.0, 8.0, 14.0, 45.0)}
 
 
@@ -41,6 +44,7 @@ class Try:
     world: str
     seed: int
     overlap: float
+    is_enough: bool
     found: bool
     wrong: bool
     nees: float
@@ -63,14 +67,15 @@ def tried(world: str, seed: int, case: Case, *, is_floor: bool) -> Try:
     began = time.process_time()
     found = placed(case.own, case.team, case.frame)
     cpu_s = time.process_time() - began
+    much = case.overlap >= ENOUGH and case.overlap_m2 >= ENOUGH_M2
     if not isinstance(found, Joined):
-        return Try(world, seed, case.overlap, False, False, 0.0, 0.0, cpu_s, found.why)
+        return Try(world, seed, case.overlap, much, False, False, 0.0, 0.0, cpu_s, found.why)
     off = error_of(found, case)
     axes = [0, 1, 3] if is_floor else [0, 1, 2, 3]
     nees = float(off[axes] @ np.linalg.solve(found.covariance[np.ix_(axes, axes)], off[axes]))
     error_m = math.hypot(off[0], off[1])
     wrong = error_m > 2 * case.frame.cell_m or abs(off[3]) > math.radians(3.0)
-    return Try(world, seed, case.overlap, True, wrong, nees, error_m, cpu_s, found.told)
+    return Try(world, seed, case.overlap, much, True, wrong, nees, error_m, cpu_s, found.told)
 
 
 def tries(world: str, count: int) -> Iterator[Try]:
@@ -78,20 +83,20 @@ def tries(world: str, count: int) -> Iterator[Try]:
     is_floor = world in FLOORS
     if is_floor:
         apart = APART_M["floor"]
-        for seed in range(1, count + 1):
+        for seed in range(SEEDS, SEEDS + count):
             case = floor_case(floor(world, seed, SHARED), seed, apart[seed % len(apart)])
             yield tried(world, seed, case, is_floor=True)
         return
     apart = APART_M["ground"]
-    for seed in range(1, count + 1):
+    for seed in range(SEEDS, SEEDS + count):
         case = ground_case(ground(world, seed, SHARED), seed, apart[seed % len(apart)])
         yield tried(world, seed, case, is_floor=False)
 
 
 def row(name: str, done: list[Try], freedom: int) -> str:
     """Return a table's row: found by overlap, wrong ones, NEES, error and time."""
-    much = [t for t in done if t.overlap >= ENOUGH]
-    some = [t for t in done if 0.02 <= t.overlap < ENOUGH]
+    much = [t for t in done if t.is_enough]
+    some = [t for t in done if t.overlap >= 0.02 and not t.is_enough]
     none = [t for t in done if t.overlap < 0.02]
     right = [t for t in done if t.found and not t.wrong]
 
@@ -115,7 +120,7 @@ def row(name: str, done: list[Try], freedom: int) -> str:
 def main(count: int, worlds: tuple[str, ...], say: Callable[[str], None] = print) -> None:
     """Print the table; with ROPETEAM_JOIN_ALL set, each case too."""
     say(
-        f"{'world':<20}{'>=30 %':>12}{'2 to 30 %':>12}{'none':>12}{'wrong':>7}{'NEES':>7}"
+        f"{'world':<20}{'enough':>12}{'less':>12}{'none':>12}{'wrong':>7}{'NEES':>7}"
         f"{'95 % band':>15}{'rms, m':>8}{'CPU, s':>7}"
     )
     for group, freedom in ((GROUNDS, 4), (FLOORS, 3)):

@@ -59,6 +59,7 @@ class Case:
     """Of the origin of the late-comer's frame."""
     overlap: float
     """Share of the late-comer's cells that the team knows."""
+    overlap_m2: float
 
 
 def ground(name: str, seed: int, shared: Path) -> Terrain:
@@ -136,13 +137,15 @@ def _as_heard(kind: Any, submap: Any, frame: GridFrame) -> Any:
     return heard
 
 
-def _overlap(own: Any, team: Any, frame: GridFrame, truth: Pose) -> float:
+def _overlap(own: Any, team: Any, frame: GridFrame, truth: Pose) -> tuple[float, float]:
+    """Return which share of the late-comer's cells the team knows, and how many m2."""
     rows, cols = np.nonzero(own.known)
     x_m, y_m = frame.x_m + (cols + 0.5) * frame.cell_m, frame.y_m + (rows + 0.5) * frame.cell_m
     there = np.column_stack((x_m, y_m)) @ turning(truth.yaw_rad).T + (truth.x_m, truth.y_m)
     cells = frame.cells_of(there)
     inside = cells[((cells >= 0) & (cells < frame.shape)).all(axis=1)]
-    return float(team.known[inside[:, 0], inside[:, 1]].sum()) / max(len(rows), 1)
+    both = int(team.known[inside[:, 0], inside[:, 1]].sum())
+    return both / max(len(rows), 1), both * frame.cell_m**2
 
 
 def _places(open_m: Floats, rng: Rng, apart_m: float, reach_m: float) -> Iterator[list[Floats]]:
@@ -150,7 +153,7 @@ def _places(open_m: Floats, rng: Rng, apart_m: float, reach_m: float) -> Iterato
     first = open_m[rng.integers(len(open_m))]
     away = np.abs(np.hypot(*(open_m - first).T) - apart_m)
     other = open_m[rng.choice(np.flatnonzero(away <= max(1.0, float(away.min()) + 0.5)))]
-    for middle, count in ((first, int(rng.integers(2, 6))), (other, int(rng.integers(1, 5)))):
+    for middle, count in ((first, int(rng.integers(3, 8))), (other, int(rng.integers(1, 6)))):
         near = open_m[np.hypot(*(open_m - middle).T) < reach_m]
         yield [middle, *(near[rng.integers(len(near))] for _ in range(count - 1))]
 
@@ -184,7 +187,7 @@ def ground_case(terrain: Terrain, seed: int, apart_m: float) -> Case:
     start = Pose(x, y, footing.ground_m(x, y), float(rng.uniform(-math.pi, math.pi)))
     truth = _own_frame(terrain.frame, start)
     own = kind.drawn(drawn(sides[1], truth, start.yaw_rad), EVERYWHERE)
-    return Case(terrain.frame, team, own, truth, _overlap(own, team, terrain.frame, truth))
+    return Case(terrain.frame, team, own, truth, *_overlap(own, team, terrain.frame, truth))
 
 
 def floor_case(world: PlanarWorld, seed: int, apart_m: float) -> Case:
@@ -215,4 +218,4 @@ def floor_case(world: PlanarWorld, seed: int, apart_m: float) -> Case:
     start = Pose(x, y, 0.0, float(rng.uniform(-math.pi, math.pi)))
     truth = replace(_own_frame(frame, start), z_m=0.0)
     own = kind.drawn(drawn([np.array((x, y)), *sides[1][1:]], truth, start.yaw_rad), EVERYWHERE)
-    return Case(frame, team, own, truth, _overlap(own, team, frame, truth))
+    return Case(frame, team, own, truth, *_overlap(own, team, frame, truth))

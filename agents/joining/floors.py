@@ -161,7 +161,7 @@ class Floor(Pair):
     def needs(self) -> Needs:
         """See `Needs`."""
         return Needs(
-            overlap_m2=max(LEAST_M2, OVERLAP * self.own.size * self.cell_m**2), evidence=12.0,
+            overlap_m2=max(LEAST_M2, OVERLAP * self.own.size * self.cell_m**2), evidence=22.0,
             agreement=0.93, rival=0.65, sigma_m=self.cell_m, sigma_rad=0.04,
             apart_m=2.0 * self.cell_m, inflation=INFLATION, alike=0.9,
         )  # fmt: skip
