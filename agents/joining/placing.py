@@ -97,16 +97,16 @@ class Pair(ABC):
         doubt = self._likeness(found.judged)
         return NotFound(doubt) if doubt else found
 
-    def places(self) -> list[Judged]:
-        """Return the best places, no two of them the same."""
+    def places(self, most: int = GUESSES) -> list[Judged]:
+        """Return the best places, no two of them the same; of so many guesses."""
         least = 0.5 * self.needs.overlap_m2 / self.grid.cell_m**2
-        guesses = search(self.own, self.team, self.grid, self.comparing, least)[:GUESSES]
+        guesses = search(self.own, self.team, self.grid, self.comparing, least)[:most]
         few = self.moving.thinned(FEW)
         begin = [(guess.turn_rad, guess.x_m, guess.y_m) for guess in guesses]
         near = [fit(few, self.field, start, steps=STEPS[0]) for start in begin]
         judged = [self.judge(found) for found in near if found is not None]
         kept: list[Judged] = []
-        for one in sorted(judged, key=lambda place: -place.evidence):
+        for one in sorted(judged, key=lambda place: (bool(place.contradiction), -place.evidence)):
             is_new = all(is_elsewhere(one, other, self.own, self.needs) for other in kept)
             if is_new and len(kept) < FINALISTS:
                 kept.append(one)
@@ -127,7 +127,7 @@ class Pair(ABC):
         if again.poor():
             return ""
         least = self.needs.rival * found.evidence * self.alike / again.alike
-        for other in sorted(again.places(), key=lambda place: -place.evidence):
+        for other in sorted(again.places(GUESSES // 2), key=lambda place: -place.evidence):
             moved_m = math.dist(other.fit.carried(again.own.middle_m[None])[0], again.own.middle_m)
             turned_rad = abs(wrap_angle(other.fit.turn_rad))
             is_itself = moved_m <= self.needs.apart_m and turned_rad <= self.needs.apart_rad

@@ -84,9 +84,13 @@ def verdict(places: list[Judged], own: Strewn, needs: Needs) -> Joined | NotFoun
     """Return where the map lies, if that is sure, else why it is not."""
     if not places:
         return NotFound("no place has enough overlap")
-    ranked = sorted(places, key=lambda place: -place.evidence)
+    ranked = sorted(places, key=lambda place: (bool(place.contradiction), -place.evidence))
     best = ranked[0]
-    rivals = [place for place in ranked[1:] if is_elsewhere(best, place, own, needs)]
+    rivals = [
+        place
+        for place in ranked[1:]
+        if not place.contradiction and is_elsewhere(best, place, own, needs)
+    ]
     # Where residuals are larger than the maps state, so is what they leave unsure.
     covariance = needs.inflation * max(1.0, best.fit.misfit) * best.fit.covariance
     worst_m = math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
