@@ -48,7 +48,7 @@ test-all: $(VENV)/test.stamp
 
 commands: $(VENV)/test.stamp
 	@$(BIN)/python -m scenarios.compiling
-	$(BIN)/python -m pytest -m "slow or not slow" tests/test_docs_commands.py $(ARGS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m slow tests/test_docs_commands.py $(ARGS)
 
 fuzz: $(VENV)/fuzz.stamp
 	$(BIN)/python fuzz/run.py --runs $(RUNS) $(ARGS)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.geometry import Bools, Floats, Singles
+from agents.geometry import Bools, Floats, Pose, Singles
+from agents.ground.stands import Stands
 from agents.mapper import Expected, NextLook
 from agents.maps.elevation import UNIFORM
 from agents.maps.elevationlook import bin_look
@@ -16,6 +17,7 @@ from agents.planning.strategies import View, strategy
 from agents.planning.waydown import TIRED, Descent, open_questions
 from agents.ports import Exposure
 from agents.pose.localising import is_located
+from agents.stereo.eyes import off_mates
 from comms.codec import sigma_as_sent
 
 if TYPE_CHECKING:
@@ -36,6 +38,11 @@ class ElevationMapper:
         """Serve a robot."""
         self.robot = robot
         self.settings = robot.settings
+        self.relocated()
+        self.stands = Stands(self.settings.frame, self.settings.sensor)
+
+    def relocated(self) -> None:
+        """Begin with nothing planned, expected in vain or asked."""
         self.strategy = strategy(self.settings.method)
         self.interest = Interest(self.settings.frame.shape, self.settings.planner.beta)
         self.barred: tuple[tuple[float, float, float], ...] = ()
@@ -63,11 +70,24 @@ class ElevationMapper:
         return Expected(round(float(np.sum(chances, dtype=np.float64)), 3), chances)
 
     async def localise(self, exposure: Exposure) -> None:
-        """Do nothing: there is no matching of ground yet."""
+        """Hold the look against the own map, and correct the pose by it.
+
+        The map lies no better than its anchor: what is told is where the robot is on it.
+        """
+        robot = self.robot
+        if robot.own.submaps and self.settings.map.matching:
+            index = len(robot.own.submaps) - 1
+            told = await asyncio.to_thread(
+                self.stands.locate, robot.own.submaps[index], index, exposure, robot.filter
+            )
+            if told:
+                robot.log.event("look and map disagree", "; ".join(told))
+            robot.correct_anchors()
 
     async def fuse(self, exposure: Exposure, expected: Expected) -> None:
         """Fuse one look into the own layer (Eqs. 19-21), and lose interest in what failed."""
         robot = self.robot
+        exposure = self._without_mates(exposure)
         index, submap = robot.current_submap()
         known_before = robot.charted().known
         drawn_at, beyond = robot.placing()
@@ -80,6 +100,8 @@ class ElevationMapper:
             extra_variance=beyond,
         )
         submap.observe(cells)
+        if self.settings.map.matching:
+            self.stands.drew(submap, index, drawn_at, exposure, cells, robot.filter)
         drawn = np.zeros(self.settings.frame.shape, dtype=bool)
         drawn[cells.rows, cells.cols] = True
         measured = self.settings.frame.mask_of(robot.pose.team_from_robot(exposure.points_m))
@@ -92,6 +114,21 @@ class ElevationMapper:
             measured=measured,
             new=measured & ~known_before,
         )
+
+    def _without_mates(self, exposure: Exposure) -> Exposure:
+        """Leave out the points that may be a team-mate's own, where it says that it is.
+
+        Eyes that really see, see robots too, and not always the tag that tells so.
+        """
+        robot = self.robot
+        if robot.hardware.eyes is None:
+            return exposure
+        stands: list[tuple[Pose, float]] = []
+        for _, mate in sorted(robot.mates.items()):
+            if is_located(mate):
+                sigma_m = math.sqrt(max(mate.status.variance[:2]) + robot.filter.sigma_m**2)
+                stands.append((mate.status.pose, sigma_m))
+        return off_mates(exposure, robot.pose, stands)
 
     def view(self) -> View:
         """Return what the planner sees: the team map and where everybody is."""

@@ -61,6 +61,10 @@ class Mapper(Protocol):
         """Return the next look, or None when no look is worth taking."""
         ...
 
+    def relocated(self) -> None:
+        """Forget what was planned in the frame of its own that the robot had until now."""
+        ...
+
     def halted(self) -> float | None:
         """Note that the body halted; return the pan to look at there, None as was planned."""
         ...

@@ -36,8 +36,8 @@ TRAIL_POINTS = 64
 
 MAPPERS: dict[str, Callable[["Robot"], Mapper]] = {
     "elevation": ElevationMapper,
-    "planar": lambda robot: OccupancyMapper(robot, PlanarSense(robot.settings)),
-    "voxel": lambda robot: OccupancyMapper(robot, VoxelSense(robot.settings)),
+    "planar": lambda robot: OccupancyMapper(robot, PlanarSense),
+    "voxel": lambda robot: OccupancyMapper(robot, VoxelSense),
 }
 """By kind of map."""
 
@@ -143,7 +143,7 @@ class Robot(Member):
     def settle(self, pose: Pose, covariance: Floats, by: str) -> None:
         """See `Teller.settle`; what was planned and remembered in its own frame is let go."""
         super().settle(pose, covariance, by)
-        self.mapper = MAPPERS[self.settings.map.kind](self)
+        self.mapper.relocated()
         self.plan, self.claim = None, None
         self.trail = [(self.pose.x_m, self.pose.y_m)]
 

@@ -13,13 +13,17 @@ from agents.mapper import NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.member import SILENT_S
 from agents.messages import TetherCommand, pack_tethers
-from agents.planning.waydown import Descent, hopeful, safe_path
+from agents.planning.waydown import LAST_RISK, MOST_RISK, Descent, hopeful, safe_path
 from agents.robot import Robot
 from comms.frames import Kind
 
 STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
 SLACK_M = 0.05
+"""So much more tether than a step needs is asked for, and as much again each time that it was taut
+all the same (the robot knows its place and the anchors' no better), up to `MOST_SLACK_M`: with
+0.3 m on both, a robot may slide."""
+MOST_SLACK_M = 0.3
 COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
 PATIENCE_S = 5.0
@@ -191,7 +195,7 @@ async def wait_for_path(robot: Robot, goal: tuple[float, float]) -> Floats | Non
         is_last = _nothing_more_to_come(robot)
         if is_last or planned_s < robot.map_changed_s:
             planned_s = robot.now_s
-            path_m = await find_path(robot, goal)
+            path_m = await find_path(robot, goal, LAST_RISK if is_last else MOST_RISK)
             if path_m is not None:
                 return path_m
         if is_last:
@@ -204,17 +208,20 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
 
     Where the newest map bars the way, it hangs on its tethers until the map shows another.
     """
-    failures = 0
+    failures, held = 0, 0
     while math.dist((robot.pose.x_m, robot.pose.y_m), path_m[-1]) > robot.settings.map.cell_m:
         x_m, y_m = _step_along(path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
-        holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m))
+        slack_m = min(SLACK_M * (1 + held), MOST_SLACK_M)
+        holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m, slack_m))
         try:
-            failures += not await robot.drive_to(x_m, y_m, STEP_M)
+            arrived = await robot.drive_to(x_m, y_m, STEP_M)
         finally:
             holder.cancel()
+        failures += not arrived
+        held = 0 if arrived else held + 1
         if failures > TRIES:
             return None
-        onward = await find_path(robot, goal)
+        onward = await find_path(robot, goal, LAST_RISK)
         if onward is None:
             robot.log.event("barred", "the newest map shows no safe way on from here")
             robot.set_activity("waiting")
@@ -259,17 +266,13 @@ ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
 }
 
 
-async def find_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
-    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none.
-
-    One by the strict rule if there is one, else one by the other.
-    """
+async def find_path(
+    robot: Robot, goal: tuple[float, float], most_risk: float = MOST_RISK
+) -> Floats | None:
+    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none."""
     settings, ground = robot.settings, _ground(robot)
     place = (settings.frame, settings.drive, *ground, robot.pose, goal)
-    path_m = await asyncio.to_thread(safe_path, *place, strict=True)
-    if path_m is None:
-        path_m = await asyncio.to_thread(safe_path, *place, strict=False)
-    return path_m
+    return await asyncio.to_thread(safe_path, *place, most_risk=most_risk)
 
 
 def why_not(robot: Robot, goal: tuple[float, float]) -> str:
@@ -303,7 +306,7 @@ def _step_along(path_m: Floats, pose: Pose, near_m: float) -> tuple[float, float
             return x_m, y_m
 
 
-async def _hold_tethers(robot: Robot, x_m: float, y_m: float) -> None:
+async def _hold_tethers(robot: Robot, x_m: float, y_m: float, slack_m: float) -> None:
     """Ask both Anchor-bots for the tether that a point needs, until cancelled."""
     row, col = robot.settings.frame.cell_of(x_m, y_m)
     ground_m = robot.team.fused().elevation_m[row, col]
@@ -314,7 +317,7 @@ async def _hold_tethers(robot: Robot, x_m: float, y_m: float) -> None:
         for index, mate in sorted(robot.mates.items()):
             if robot.settings.roles[index] == "anchor":
                 at = mate.status.pose
-                length_m = math.dist((at.x_m, at.y_m, at.z_m), (x_m, y_m, z_m)) + SLACK_M
+                length_m = math.dist((at.x_m, at.y_m, at.z_m), (x_m, y_m, z_m)) + slack_m
                 commands.append(TetherCommand(index, length_m, rate))
         if commands and robot.radio is not None and robot.may_speak:
             robot.radio.send_urgent(Kind.TETHER, pack_tethers(commands), "tethers")

@@ -30,6 +30,8 @@ class MapSettings(Settings):
     """Bound on the elevation error of a tile that was sent whole."""
     prior_sigma_m: Positive = 1.0
     """Standard deviation of a cell that nobody measured, for counting information."""
+    matching: bool = True
+    """Each look is held against the robot's own map, and corrects its pose by what fits."""
 
 
 class SensorSettings(Settings):

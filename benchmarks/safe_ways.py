@@ -99,6 +99,7 @@ def costs(submap: Submap, drive: DriveSettings, cell_m: float) -> Floats:
         cell_m=cell_m,
         footprint_m=drive.footprint_m + 2 * CLEARANCE_M,
         wheel_m=drive.wheel_m,
+        climb_m=drive.climb_m,
     )
 
 

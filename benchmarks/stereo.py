@@ -18,6 +18,7 @@ from agents.stereo.eyes import Look, calibration_of
 from agents.stereo.matching import MatchSettings, match
 from agents.stereo.settings import StereoSettings
 from agents.stereo.span import largest_disparity
+from agents.stereo.subpixel import refined
 from sim.settings import TerrainSettings, WorldSettings
 from sim.stereo.camera import make_stage, take
 from sim.terrain import make_terrain
@@ -57,10 +58,33 @@ def judged(pair: str, left: np.ndarray, right: np.ndarray, truth: np.ndarray) ->
         "stereo_match.cpp": lambda: sample(left, right, 3, 9),
         "stereo_match.py": lambda: sample(left, right, 16, 27),
     }
+    points(pair, left, right, truth)
     for way, run in ways.items():
         start = time.process_time()
         found = run()
         row(pair, way, found, truth, time.process_time() - start)
+
+
+STRIDE_PX = StereoSettings().stride_px
+POINTS: list[str] = []
+"""Lines of the second table: the pixels of which a robot makes points."""
+
+
+def points(pair: str, left: np.ndarray, right: np.ndarray, truth: np.ndarray) -> None:
+    """Tell how right disparity is where points are made, as matched and refined."""
+    found = match(left, right, MatchSettings(max_disparity_px=largest_disparity(left, right)))
+    start = time.process_time()
+    better = refined(left, right, found, STRIDE_PX)
+    seconds = time.process_time() - start
+    lattice = (slice(STRIDE_PX // 2, None, STRIDE_PX),) * 2
+    for way, one in (("matched", found), ("refined", better)):
+        error = np.abs(one.disparity_px - truth)[lattice]
+        both = np.isfinite(error)
+        ratio = error[both] / one.sigma_px[lattice][both]
+        POINTS.append(
+            f"| {pair} | {way} | {np.median(error[both]):.3f} | {(error[both] > 0.5).mean():.1%}"
+            f" | {1.48 * np.median(ratio):.2f} | {seconds if way == 'refined' else 0:.2f} |"
+        )
 
 
 def main() -> int:
@@ -90,6 +114,9 @@ def main() -> int:
         spent += time.process_time() - start
         truth = calibration.focal_px * calibration.baseline_m / shot.depth_m
         judged(f"rendered {seed}", shot.left, shot.right, np.where(truth > 1, truth, np.nan))
+    print("\n| Pair | Points | Median px | Off by over 0.5 px | Error over sigma | CPU s |")
+    print("|---|---|---|---|---|---|")
+    print("\n".join(POINTS))
     print(f"\nRendering: {3 / spent:.1f} pairs of 640 x 480 per second of one core.")
     return 0
 

@@ -104,6 +104,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
+        # Where it fell into code made of text (a dataclass's), CPython takes it for unhandled, and
+        # under `python -m` dies of it in the end; code that is run after it says otherwise.
+        exec("")
         # A robot's task that was cut short has nothing to add.
         logging.getLogger("asyncio").disabled = True
         print("interrupted", file=sys.stderr)

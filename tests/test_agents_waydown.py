@@ -1,7 +1,6 @@
 """Ways down and what is still to be asked of them, on ground made by hand."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -9,13 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.geometry import Floats, GridFrame, Pose
-from agents.ground.descent import descent_cost
+from agents.ground.descent import LEAST_ODDS, UNKNOWN_ODDS, descent_cost, rock_odds
 from agents.ground.surface import CLEARANCE_M
 from agents.planning.waydown import (
     GOAL_M,
+    MOST_RISK,
     STAND_M,
     Descent,
     hopeful,
+    least_risky,
     open_questions,
     relief_of,
     safe_path,
@@ -63,7 +64,7 @@ def test_what_nobody_saw_is_asked_where_the_way_crosses_it() -> None:
 
 
 def test_what_was_seen_badly_is_asked_too() -> None:
-    blurred = strip(SHARP, 5.0, 7.0, 0.15)
+    blurred = strip(SHARP, 5.0, 7.0, 0.25)
     level = np.zeros(SHAPE)
     assert safe_path(FRAME, DRIVE, level, blurred, STAND, GOAL) is None
     hope = hopeful(FRAME, DRIVE, level, blurred, down())
@@ -136,29 +137,69 @@ def test_where_nothing_is_known_wheels_tell_their_own_height() -> None:
     assert np.nanmax(elevation_m) == np.nanmin(elevation_m) == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize(
-    ("height_m", "sigma_m", "open_by", "barred_by"),
-    [
-        (0.09, 0.01, "lax", "strict"),  # a step one cell wide shows half its height
-        (0.07, 0.01, "both", "none"),
-        (0.15, 0.05, "lax", "strict"),  # more than its noise explains, but not for sure
-        (0.0, 0.08, "lax", "strict"),  # sharp enough for rocks of a wheel only
-    ],
-)
-def test_the_strict_rule_bars_what_may_be_a_rock(
-    height_m: float, sigma_m: float, open_by: str, barred_by: str
+def test_the_odds_of_a_rock_by_hand() -> None:
+    """logit = 0.4 + 5.1 ln(height / climb) - ln(sigma / climb)."""
+    heights, sigmas = np.array([[0.15, 0.075, 0.15]]), np.array([[0.15, 0.15, 0.03]])
+    odds = rock_odds(heights, sigmas, 0.15)[0]
+    logits = (0.4, 0.4 + 5.1 * np.log(0.5), 0.4 - np.log(0.2))
+    assert odds == pytest.approx([1 / (1 + np.exp(-logit)) for logit in logits])
+    sharp, blind = (rock_odds(np.zeros((1, 1)), np.full((1, 1), s), 0.15)[0, 0] for s in (0, 0.4))
+    assert (sharp, blind) == (LEAST_ODDS, pytest.approx(LEAST_ODDS + UNKNOWN_ODDS))
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0.0, 0.4), st.floats(1e-4, 0.3), st.floats(1.0, 3.0))
+def test_odds_rise_with_what_stands_out_and_fall_with_its_noise(
+    height_m: float, sigma_m: float, more: float
 ) -> None:
-    ground = np.zeros(SHAPE)
-    ground[30, 20] = height_m
-    sigma = np.full(SHAPE, sigma_m)
+    def odds(h: float, s: float) -> float:
+        return float(rock_odds(np.full((1, 1), h), np.full((1, 1), s), 0.15)[0, 0])
 
-    def cost(*, strict: bool) -> float:
-        rule = {"cell_m": 0.1, "footprint_m": 1.0, "wheel_m": 0.2}
-        return float(partial(descent_cost, ground, sigma, **rule)(strict=strict)[30, 20])
+    assert 0 < odds(height_m, sigma_m) <= odds(more * height_m, sigma_m) < 1
+    if height_m > 0.1:  # what hides in noise is another matter: that rises with it
+        assert odds(height_m, more * sigma_m) <= odds(height_m, sigma_m)
+    assert odds(0.0, sigma_m) <= odds(0.0, more * sigma_m)
 
-    lax, strict = cost(strict=False), cost(strict=True)
-    assert np.isfinite(lax) == (open_by in ("lax", "both"))
-    assert np.isinf(strict) == (barred_by == "strict")
+
+def bumps(height_m: float) -> tuple[GridFrame, Floats, Floats]:
+    """Return fine level ground with a belt of bumps across, open only in the far east."""
+    fine = GridFrame(0.0, 0.0, 0.1, 120, 120)
+    ground = np.zeros(fine.shape)
+    for row in range(52, 69, 8):
+        for col in range(row % 3, 100, 6):
+            ground[row : row + 2, col : col + 2] = height_m
+    return fine, ground, np.full(fine.shape, 0.02)
+
+
+def test_a_way_goes_round_what_may_be_rocks_and_knows_its_risk() -> None:
+    fine, ground, sigma = bumps(0.07)
+    place = (fine, DRIVE, ground, sigma, STAND, GOAL)
+    way = least_risky(*place)
+    assert way is not None
+    assert way.path_m[:, 0].max() > 10.0, "through the gap in the east"
+    straight = ground.copy()
+    straight[:, 100:] = np.nan  # nobody saw the gap
+    through = least_risky(fine, DRIVE, straight, sigma, STAND, GOAL)
+    assert through is not None
+    assert through.risk > 3 * way.risk
+    limit = 0.5 * (way.risk + through.risk)
+    assert safe_path(*place, most_risk=limit) is not None
+    assert safe_path(fine, DRIVE, straight, sigma, STAND, GOAL, most_risk=limit) is None
+
+
+def test_what_may_be_rocks_is_asked_about_where_the_best_way_is_too_risky() -> None:
+    fine, ground, sigma = bumps(0.07)
+    ground[:, 100:] = np.nan
+    ground[52:76, 100:] = 3.0  # a wall in the gap
+    descent = Descent(STAND, GOAL, np.zeros(fine.shape))
+    hope = hopeful(fine, DRIVE, ground, sigma, descent)
+    assert hope is not None
+    assert hope.vague.any()
+    assert "m2 that may be rock" in hope.told()
+    way = least_risky(fine, DRIVE, ground, sigma, STAND, GOAL)
+    assert way is not None
+    asked = open_questions(fine, DRIVE, ground, sigma, descent)
+    assert asked.any() == (way.risk > MOST_RISK)
 
 
 @settings(max_examples=25, deadline=None)
@@ -172,14 +213,13 @@ def test_the_quick_look_at_what_was_seen_hides_no_way(seed: int, share: float) -
     if safe_path(FRAME, DRIVE, elevation_m, SHARP, STAND, GOAL) is not None:
         return
     filled, sigma_m = with_stand(FRAME, DRIVE, elevation_m, SHARP, STAND)
-    footprint_m = DRIVE.footprint_m + 2 * CLEARANCE_M
     cost = descent_cost(
         filled,
         sigma_m,
         cell_m=CELL_M,
-        footprint_m=footprint_m,
+        footprint_m=DRIVE.footprint_m + 2 * CLEARANCE_M,
         wheel_m=DRIVE.wheel_m,
-        strict=True,
+        climb_m=DRIVE.climb_m,
     )
     row, col = FRAME.cell_of(STAND.x_m, STAND.y_m)
     may = np.isfinite(cost) | within(FRAME, (STAND.x_m, STAND.y_m), STAND_M)

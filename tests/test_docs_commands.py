@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from docs_helpers import PAGES, ROOT, Command, commands, scenarios, smaller, study
+from run_helpers import LOW_CLIFF
 from stereo_helpers import SENSOR, STEREO, shot
 from test_docs_files import write_grounds
 
@@ -45,7 +46,19 @@ FEW = {
     "planar-one": ["looks=3", "method=random"],
     "planar-two": ["looks=3", "method=random"],
     "sandpit": ["looks=2", "method=random"],
-    "sharing": [],
+    "sharing": [
+        f"scenario={one}"
+        for one in (
+            "world.window_m=[16.0, 14.0]",
+            "map.cell_m=0.4",
+            "sensor.columns=32",
+            "sensor.rows=24",
+            "planner.max_looks=3",
+            "planner.max_candidates=10",
+            "planner.headings=4",
+            *LOW_CLIFF,
+        )
+    ],
 }
 """Settings with which an experiment takes least; besides `--seeds 1`."""
 
@@ -80,7 +93,8 @@ def environment(folder: Path) -> dict[str, str]:
     viewer.write_text('#!/bin/sh\ntest -s "$(eval echo \\$$#)"\n')
     viewer.chmod(0o755)
     path = os.pathsep.join([str(viewer.parent), os.environ["PATH"]])
-    told = {"PYTHONPATH": str(ROOT), "PATH": path, "PYTHONBREAKPOINT": "0", "BROWSER": "true"}
+    told = {"PYTHONPATH": str(ROOT), "PATH": path, "PYTHONBREAKPOINT": "0"}
+    told |= {"BROWSER": "true", "DISPLAY": ":0"}
     return {**os.environ, **told}
 
 
@@ -104,6 +118,7 @@ WITH_COMMANDS = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.timeout(400)  # README.md has two dozen
 @WITH_COMMANDS
 def test_the_commands_of_a_page(
     page: Path,

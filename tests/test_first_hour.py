@@ -117,6 +117,15 @@ def test_a_folder_that_may_not_be_written_to(capsys: pytest.CaptureFixture[str])
     assert told.startswith("--out /proc/mine: can't be written: ")
 
 
+@pytest.mark.parametrize("command", [("chaos", "pair", "--small"), ("soak",)])
+@pytest.mark.parametrize("out", ["/proc/mine.json", "."])
+def test_a_file_that_may_not_be_written_is_refused_before_the_work(
+    command: tuple[str, ...], out: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = refusal(capsys, *command, "--out", out)
+    assert told.startswith(f"--out {out}: ")
+
+
 def test_a_folder_that_holds_a_run_is_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

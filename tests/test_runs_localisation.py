@@ -22,6 +22,7 @@ DRIFTING = (
     "sensor.range_m=6",
     "planner.min_gain_cells=30",
     "planner.max_looks=24",
+    "map.matching=false",
 )
 MAST = ("world.landmarks.mast.x_m=8.0", "world.landmarks.mast.y_m=7.0")
 

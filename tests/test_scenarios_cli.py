@@ -129,6 +129,23 @@ def test_ctrl_c_exits_with_130(runs: Runs) -> None:
     assert exit_code("run", "cliff") == 130
 
 
+def test_a_ctrl_c_in_code_made_of_text_exits_with_130_too(tmp_path: Path) -> None:
+    (tmp_path / "sitecustomize.py").write_text(
+        "import scenarios.schema\n"
+        "def load(*_, **__):\n    exec('raise KeyboardInterrupt')\n"
+        "scenarios.schema.load = load\n"
+    )
+    path = os.pathsep.join((str(tmp_path), str(Path(__file__).parents[1])))
+    done = subprocess.run(
+        [sys.executable, "-m", "scenarios.cli", "check", "cliff"],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
+
+
 def test_a_ctrl_c_that_falls_into_a_destructor_counts(
     runs: Runs, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

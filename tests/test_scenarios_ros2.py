@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import shutil
 import subprocess
 import sys
@@ -239,7 +240,7 @@ def test_the_last_map_of_a_merged_run_is_the_robots(merged: Any) -> None:
 
 @pytest.mark.slow
 def test_rerun_draws_a_merged_run(merged: Any) -> None:
-    pytest.importorskip("rerun", reason="rerun-sdk is an extra (pip install ropeteam[view])")
+    pytest.importorskip("rerun", reason="rerun-sdk is an extra (pip install ropeteam[peers])")
     kind, path, _ = merged
     rerun = [sys.executable, "-m", "rerun"]
     checked = subprocess.run([*rerun, "mcap", "check", path], check=True, capture_output=True)
@@ -336,12 +337,20 @@ def test_view_makes_the_file_and_says_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     written_run(tmp_path)
-    opened: list[list[str]] = []
-    monkeypatch.setattr(subprocess, "run", lambda told, check: opened.append(told))
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: object())
+    viewer, told = tmp_path / "rerun", tmp_path / "told"
+    viewer.write_text(f'#!/bin/sh\necho "$@" > {told}\ntest -s "$3"\n')
+    viewer.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setenv("DISPLAY", ":0")
+    bag = tmp_path / "run.mcap"
     assert cli.main(["view", str(tmp_path), "--rerun"]) == 0
-    assert opened[0][-1] == str(tmp_path / "run.mcap")
-    assert (tmp_path / "run.mcap").is_file()
+    assert told.read_text() == f"--bind 127.0.0.1 {bag}\n"
+    bag.write_bytes(b"")
+    assert cli.main(["view", str(tmp_path), "--rerun"]) == 1, "the viewer's own failure"
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    assert cli.main(["view", str(tmp_path), "--rerun"]) == 0
+    assert f"{viewer} --bind 127.0.0.1 --serve-web {bag}\n" in capsys.readouterr().out
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setattr("shutil.which", lambda name: None)
     assert cli.main(["view", str(tmp_path), "--rerun"]) == 2

@@ -27,6 +27,8 @@ pytestmark = [
 QUICK = ("planner.max_looks=4", "limit_s=300", "map.cell_m=0.4", "sensor.columns=32")
 EVENTS = [{"at_s": 60.0, "link": "explorer-1", "up": False}]
 READY = "document.documentElement?.dataset.ready"
+CHOSEN = "document.querySelector('.choices :checked + span').textContent"
+"""Whose map lies over the truth."""
 INK = """[...document.querySelector(%r).toDataURL()].reduce(
   (hash, letter) => (31 * hash + letter.charCodeAt(0)) %% 4294967291, 7)"""
 """A number that changes with what is drawn on a canvas."""
@@ -42,7 +44,7 @@ async def shown_s(tab: Tab) -> float:
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
-    scenario = small("pair", *QUICK, events=EVENTS)
+    scenario = small("pair", *QUICK, "links.loss=0.3", events=EVENTS)
     return run_of(scenario, tmp_path_factory.mktemp("run") / "pair")
 
 
@@ -70,11 +72,21 @@ async def test_a_report_plays_its_run_back(ran: Ran, tmp_path: Path) -> None:
         await tab.key("End")
         assert [await tab.value(INK % c) for c in (".world", ".map canvas")] == at_end
 
+        for key, whose in (("2", "explorer-2"), ("t", "truth only"), ("0", "all maps")):
+            await tab.key(key, key)
+            assert await tab.value(CHOSEN) == whose
+        await tab.key("?", "?")
+        assert await tab.value("document.querySelector('dialog').open")
+        await tab.key("2", "2")  # behind the list nothing moves
+        assert await tab.value(CHOSEN) == "all maps"
+        await tab.value("document.querySelector('dialog button').click()")
+
         events = await tab.value("document.querySelector('.events').textContent")
         assert "explorer-1: link up = False" in events
         tables = await tab.value("document.querySelector('.tables').textContent")
         assert ran.summary["outcome_reason"] in await tab.value("document.body.textContent")
         assert 'name = "pair"' in tables
+        await assert_links_are_told(tab, ran)
 
         light = await tab.value("getComputedStyle(document.body).backgroundColor")
         await tab.size(390, 800, dark=True, phone=True)
@@ -86,6 +98,29 @@ async def test_a_report_plays_its_run_back(ran: Ran, tmp_path: Path) -> None:
         await tab.until(f"{READY} && document.title.startsWith('Runs')")
         assert await tab.value("document.querySelectorAll('.chart canvas').length") == 3
         assert_calm(tab)
+
+
+async def assert_links_are_told(tab: Tab, ran: Ran) -> None:
+    """Hold the table of links against the run's own table of frames."""
+    sent = [row for row in ran.table("frames") if row["from"] == "explorer-1"]
+    heard = [row for row in sent if row["verdict"] == "delivered"]
+    assert 0 < len(heard) < len(sent)
+    delays_s = sorted(row["arrive_s"] - row["chosen_s"] for row in heard)
+    expected = {
+        "frames heard": f"{len(heard)} of {len(sent)}",
+        "lost, %": f"{100 * (1 - len(heard) / len(sent)):.1f}",
+        "heard, kB": f"{sum(row['bytes'] for row in heard) / 1000:.1f}",
+        "delay in the middle, s": f"{delays_s[len(delays_s) // 2]:.3f}",
+    }
+    for measure, told in expected.items():
+        await tab.value(f"""(() => {{
+          const choice = document.querySelector('.tables select');
+          choice.value = '{measure}';
+          choice.dispatchEvent(new Event('change'));
+        }})()""")
+        row = "document.querySelector('[aria-label^=Links] tbody tr').textContent"
+        assert await tab.value(row) == f"explorer-1{told}"
+    assert "Not heard: " in await tab.value("document.querySelector('.tables').textContent")
 
 
 @pytest.fixture

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from run_helpers import Ran, run_of, small
 
 from scenarios.cli import main
@@ -22,11 +24,14 @@ from scenarios.view.compare import (
     differs,
     read_all,
     sent_curve,
+    write_comparison,
 )
 from scenarios.view.growth import grown
 from scenarios.view.page import MODULES, asset, served
+from scenarios.view.playback import read_playback
 from scenarios.view.report import write_report
-from scenarios.view.rundir import read_playback, read_run
+from scenarios.view.rundir import read_run
+from scenarios.view.varied import Value, varied
 
 QUICK = ("planner.max_looks=3", "limit_s=240", "map.cell_m=0.4", "sensor.columns=32")
 KILLED = [{"at_s": 100.0, "restart": "explorer-2", "after_s": 20.0}]
@@ -193,10 +198,46 @@ def test_runs_are_set_side_by_side(
     )
 
 
+def test_what_was_set_differently_comes_first(ran: Ran, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(ran.out, other)
+    told = (other / "scenario.toml").read_text()
+    told = re.sub(r"^limit_s = .*", "limit_s = inf", told, flags=re.M)
+    (other / "scenario.toml").write_text(
+        told.replace('restart = "explorer-2"', 'kill = "explorer-1"')
+    )
+    runs = read_all([ran.out, other])
+    lines = as_text(runs).splitlines()
+    blank = lines.index("")
+    assert lines[0].split() == ["set", "differently", *(run.label for run in runs)]
+    assert any(line.startswith("limit_s") and line.endswith("inf") for line in lines[:blank])
+    assert any(line.startswith("event 1") and "kill = explorer-1" in line for line in lines[:blank])
+    assert write_comparison(runs, tmp_path / "c.html").stat().st_size > 10_000
+
+
+@given(st.dictionaries(st.sampled_from("abc"), st.none() | st.integers(0, 1) | st.booleans()))
+def test_settings_vary_where_runs_have_not_all_the_same(one: dict[str, Value]) -> None:
+    other = {"a": 0, "b": True}
+    found = dict(varied([one, other]))
+    assert set(found) == {k for k in "abc" if repr(one.get(k)) != repr(other.get(k))}
+    assert all(values == [one.get(k), other.get(k)] for k, values in found.items())
+    assert varied([one, one, one]) == []
+
+
+def test_a_scenario_that_is_no_toml_is_refused(
+    ran: Ran, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ran.out, tmp_path / "other")
+    (tmp_path / "other" / "scenario.toml").write_text("a = ")
+    assert main(["compare", str(ran.out), str(tmp_path / "other")]) == BAD_INPUT
+    assert str(tmp_path / "other") in capsys.readouterr().err
+
+
 def test_a_run_beside_itself_has_no_differences(ran: Ran) -> None:
     runs = read_all([ran.out, ran.out])
     assert runs[0].label != runs[1].label
     assert "%" not in as_text(runs)
+    assert "set differently" not in as_text(runs)
     assert not any(differs(runs, key) for key in runs[0].values)
 
 

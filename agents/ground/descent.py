@@ -1,28 +1,37 @@
-"""Ground for a robot on tethers: what is barred to it, what is only not known to be safe, and ways.
+"""Ground for a robot on tethers: what is barred to it, the odds of hidden rocks, what ways cost.
 
 A steep smooth face is allowed. What bars the way is a rock or a ledge, ground that nobody has
-measured, and ground measured so badly that it may hide a rock. Of the last two a further look may
-show that they are safe: so they are kept apart.
+measured, and ground measured so badly that it may hide a rock. Of all other ground the map tells
+how likely each cell holds a rock after all; a way is the worse the more of that it sweeps.
 """
 
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from agents.geometry import Bools, Floats
 from agents.ground import markov, surface
 
+SURE = 0.9
+"""Ground whose sigma exceeds this share of a wheel shows no rocks: no tethered robot goes there."""
+ODDS = (0.4, 5.1, -1.0)
+"""The logit of the odds that a cell holds a rock or a step too high to climb: a constant, and what
+the logarithms of height and of sigma add, both as shares of the highest that it climbs. Fitted to
+what the Cliff-bot was told in 17 missions on both sensors (docs/vision.md)."""
+LEAST_HEIGHT, LEAST_SIGMA = 0.02, 0.1
+"""Below these shares the map tells nothing more."""
+LEAST_ODDS, UNKNOWN_ODDS = 1e-4, 0.016
+"""Odds of a rock where the map shows none for certain, and where it shows nothing: the share of all
+cells that hold one. Between them they rise with sigma's square."""
+BLIND = 2.0
+"""What is as unsure as so many times the highest rock that it climbs shows nothing."""
+ROCK = 0.2
+"""What is a rock by these odds bars the way."""
 CLEARANCE_WEIGHT = 3.0
-"""By how much a cell beside a hazard costs more than open ground."""
-DOUBT_WEIGHT = 100.0
-"""By how much ground costs more that is all as rough as a hazard, but within the map's noise."""
-SURE = 0.5
-"""Ground whose sigma exceeds this share of a wheel may hide rocks: no tethered robot goes there."""
-LOW = 0.8
-"""On tethers, what stands out by this share of a wheel is a rock, though it might be noise, if two
-by two cells show it (after a mean, `surface.CALM_ROCK` of it); a single cell by a whole wheel."""
-SHARPER = 0.35
-"""As `SURE`, by the strict rule."""
+"""By how much a metre beside what is barred costs more than open ground."""
+RISK_WEIGHT = 50.0
+"""Metres that it goes round so as not to meet a rock."""
 
 
 class Barred(NamedTuple):
@@ -34,13 +43,29 @@ class Barred(NamedTuple):
     """Farther than a wheel from measured ground."""
     blurred: Bools
     """Measured too badly to show rocks."""
-    doubt: Floats
-    """In [0, 1], averaged over the footprint: how nearly the ground is as rough as a hazard."""
+    odds: Floats
+    """In (0, 1): that a cell holds a rock or a ledge, where it was measured."""
 
     @property
     def any(self) -> Bools:
         """(H, W) where it may not go."""
         return self.rock | self.unseen | self.blurred
+
+
+def rock_odds(calm_m: Floats, sigma_m: Floats, climb_m: float) -> Floats:
+    """Return the odds (H, W), in (0, 1), that cells hold what is too high to climb.
+
+    Args:
+        calm_m: height of what stands out after a 1-2-1 mean (`surface.standing_out`). Single cells
+            say little: noise is as high there as rocks are.
+        sigma_m: of each cell against its neighbours.
+        climb_m: the highest rock or step that the wheels climb.
+    """
+    constant, of_height, of_sigma = ODDS
+    logit = constant + of_height * np.log(np.maximum(calm_m / climb_m, LEAST_HEIGHT))
+    logit += of_sigma * np.log(np.maximum(sigma_m / climb_m, LEAST_SIGMA))
+    hidden = UNKNOWN_ODDS * np.minimum(sigma_m / (BLIND * climb_m), 1.0) ** 2
+    return np.maximum(1.0 / (1.0 + np.exp(-logit)), LEAST_ODDS + hidden)
 
 
 def barred(
@@ -50,22 +75,17 @@ def barred(
     cell_m: float,
     footprint_m: float,
     wheel_m: float,
-    strict: bool = False,
+    climb_m: float,
 ) -> Barred:
     """Return what bars the way; arguments as of `descent_cost`. At least one cell is known."""
     known = ~np.isnan(elevation_m)
-    whole = markov.complete(elevation_m)
+    calm = surface.smoothed(markov.complete(elevation_m))
     sigma = np.where(known, sigma_m, 0.0)
-    rough = surface.roughness(whole, wheel_m, footprint_m, cell_m, sigma)
-    rock = rough.hazard | (rough.raw_m > wheel_m)
-    rock |= rough.calm_m > surface.CALM_ROCK * LOW * wheel_m
-    if strict:
-        rock |= rough.likely
+    odds = rock_odds(surface.standing_out(calm, wheel_m, footprint_m, cell_m), sigma, climb_m)
     # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
-    blurred = known & (surface.mean_over(sigma, 3) > (SHARPER if strict else SURE) * wheel_m)
+    blurred = known & (surface.mean_over(sigma, 3) > SURE * wheel_m)
     unseen = markov.distance_to_known_m(known, cell_m) > wheel_m
-    side = surface.odd_cells(footprint_m, cell_m)
-    return Barred(rock, unseen, blurred, surface.mean_over(rough.doubt, side))
+    return Barred(odds > ROCK, unseen, blurred, odds)
 
 
 def descent_cost(
@@ -75,15 +95,15 @@ def descent_cost(
     cell_m: float,
     footprint_m: float,
     wheel_m: float,
-    strict: bool = False,
+    climb_m: float,
 ) -> Floats:
     """Return what a metre costs a robot on tethers (H, W): 1 on open ground, inf where it may not.
 
-    A steep smooth face is allowed. Forbidden are rocks and ledges higher than half a wheel, cells
-    unknown farther than one wheel from measured ground, ground whose sigma exceeds half a wheel
-    (rocks must be seen), and whatever is nearer than half a footprint to one of these; up to one
-    footprint farther the cost rises towards the hazard (by up to 3). Ground that is rough under the
-    footprint, but not surely a hazard, costs up to 100 more: a way round is worth it.
+    A steep smooth face is allowed. Forbidden is whatever is nearer than half a footprint to rocks
+    and ledges, to cells unknown farther than one wheel from measured ground, and to ground whose
+    sigma exceeds 0.9 of a wheel (rocks must be seen); up to one footprint farther the cost rises
+    towards it (by up to 3). All ground costs `RISK_WEIGHT` more for each cell with a rock that a
+    metre on it is expected to meet.
 
     Args:
         elevation_m: (H, W), NaN where unknown.
@@ -91,8 +111,7 @@ def descent_cost(
         cell_m: cell size.
         footprint_m: diameter of the circle that the robot covers.
         wheel_m: diameter of a wheel.
-        strict: bar also what stands out by `surface.LIKELY` of a wheel and may be noise, and ground
-            that is less sure than `SHARPER`.
+        climb_m: highest rock or step that it climbs.
     """
     if np.isnan(elevation_m).all():
         return np.full(elevation_m.shape, np.inf)
@@ -102,13 +121,19 @@ def descent_cost(
         cell_m=cell_m,
         footprint_m=footprint_m,
         wheel_m=wheel_m,
-        strict=strict,
+        climb_m=climb_m,
     )
-    return _with_clearance(bars.any, footprint_m, cell_m) + DOUBT_WEIGHT * bars.doubt
-
-
-def _with_clearance(blocked: Bools, footprint_m: float, cell_m: float) -> Floats:
-    """Return 1 far from blocked cells, up to 1 + CLEARANCE_WEIGHT near them, inf too near."""
-    gap_m = markov.distance_to_known_m(blocked, cell_m) - 0.5 * footprint_m
+    gap_m = markov.distance_to_known_m(bars.any, cell_m) - 0.5 * footprint_m
     nearness = np.clip(1.0 - gap_m / footprint_m, 0.0, 1.0)
-    return np.where(gap_m > 0, 1.0 + CLEARANCE_WEIGHT * nearness**2, np.inf)
+    risk = RISK_WEIGHT * met_per_metre(bars.odds, footprint_m, cell_m)
+    return np.where(gap_m > 0, 1.0 + CLEARANCE_WEIGHT * nearness**2 + risk, np.inf)
+
+
+def met_per_metre(odds: Floats, footprint_m: float, cell_m: float) -> Floats:
+    """Return how many cells (H, W) with a rock a metre about each cell is expected to meet.
+
+    Those under the circle, as a share of the way on which it stays over a cell.
+    """
+    disc = surface.disc(0.5 * footprint_m / cell_m).astype(np.float64)
+    under = cv2.filter2D(odds, cv2.CV_64F, disc, borderType=cv2.BORDER_REFLECT)
+    return np.asarray(under, dtype=np.float64) / (0.25 * np.pi * footprint_m)

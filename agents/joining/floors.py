@@ -23,8 +23,6 @@ COMMON_M = (3.0, 0.08)
 """Cells of walls within so many metres share an error of so many: that of what they fell into."""
 CLEAR_CELLS = 1
 """A wall contradicts open floor that is at least so far from the other map's walls."""
-POSSIBLE = 0.8
-"""Where less agrees the maps can't lie, whatever else speaks for it."""
 WRONG = 0.03
 """Share of walls that meet open floor where both maps are of the same floor."""
 LEAST_M2, OVERLAP = 45.0, 0.15
@@ -157,17 +155,14 @@ class Floor(Pair):
         chance = min(max(0.5 * (own.chance + team.chance), 0.02), 0.9)
         gain = hits * math.log((1.0 - WRONG) / chance) + misses * math.log(WRONG / (1.0 - chance))
         agreement = hits / max(hits + misses, 1)
-        impossible = f"{1.0 - agreement:.0%} of the walls stand on open floor where it fits best"
-        contradiction = impossible if agreement < POSSIBLE else ""
-        area_m2 = cells * self.cell_m**2
-        return Judged(found, area_m2, gain / self.alike, agreement, contradiction)
+        return Judged(found, cells * self.cell_m**2, gain / self.alike, agreement)
 
     @cached_property
     def needs(self) -> Needs:
         """See `Needs`."""
         return Needs(
             overlap_m2=max(LEAST_M2, OVERLAP * self.own.size * self.cell_m**2), evidence=22.0,
-            agreement=0.93, rival=0.65, sigma_m=self.cell_m, sigma_rad=0.04,
+            agreement=0.93, rival=0.55, sigma_m=self.cell_m, sigma_rad=0.04,
             apart_m=2.0 * self.cell_m, inflation=INFLATION, alike=0.9,
         )  # fmt: skip
 

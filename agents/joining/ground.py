@@ -23,8 +23,9 @@ MOST_CELLS = 220
 """Sides of both maps together, in cells of the search."""
 COMMON_M = (3.0, 0.03)
 """Cells within so many metres share an error of so many: that of the looks' levelling."""
-INFLATION = 1.0
-"""Of what residuals tell, blocks taken for one: NEES is right so (docs/localisation.md)."""
+INFLATION = 1.5
+"""Blocks err alike too, and a late-comer's odometry between its places: measured, see
+docs/localisation.md."""
 FINENESS = 15.0
 """So many cells of the search from the middle of the own map to its edge."""
 SAME_MISFIT = 1.0

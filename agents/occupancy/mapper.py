@@ -4,10 +4,12 @@ On a floor and in space it goes about it alike; how it sees and plans there is i
 """
 
 import asyncio
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from agents.briefing import AgentSettings
 from agents.fusion import offset_between, rotate_covariance
 from agents.geometry import Pose, wrap_angle
 from agents.layers import Mask
@@ -81,10 +83,15 @@ class Sense(Protocol):
 class OccupancyMapper:
     """`agents.mapper.Mapper` of occupancy maps."""
 
-    def __init__(self, robot: "Robot", sense: Sense) -> None:
-        """Serve a robot."""
+    def __init__(self, robot: "Robot", sense: Callable[[AgentSettings], Sense]) -> None:
+        """Serve a robot by its seeing and planning, as `sense` makes them."""
         self.robot = robot
-        self.sense = sense
+        self._make = sense
+        self.relocated()
+
+    def relocated(self) -> None:
+        """Begin with nothing planned or remembered of places."""
+        self.sense = self._make(self.robot.settings)
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
@@ -108,7 +115,7 @@ class OccupancyMapper:
         better than its anchors do. So it is a measurement against the newest of them.
         """
         robot = self.robot
-        if not robot.own.submaps:
+        if not (robot.own.submaps and robot.settings.map.matching):
             return
         camera = panned(robot.pose, exposure.pan_rad)
         found = await asyncio.to_thread(

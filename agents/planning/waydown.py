@@ -22,14 +22,17 @@ STAND_M = 0.25
 """It stands where it stands, so one can stand there, and so far about it."""
 STAND_COST = 10.0
 """Cost of a metre at its own stand, where the map would forbid it."""
-ROOMS_M = (2.0 * surface.CLEARANCE_M, surface.CLEARANCE_M)
-"""Room that it leaves to hazards besides its own circle: the more, if there is such a way."""
-ASKING = 4.0
-"""By how much a metre costs more that nobody has seen, or not sharply, in a hopeful plan."""
+MOST_RISK = 5.0
+"""A way is safe that is expected to meet no more cells with a rock (`Way.risk`). Of the ways that
+were planned by it on the maps of 17 missions none with less met any (docs/vision.md)."""
+LAST_RISK = 8.0
+"""Likewise, where nobody will map any more."""
+UNSEEN_ODDS = 1e-3
+"""Odds of a rock on ground that nobody has seen, or not sharply, in a hopeful plan."""
+VAGUE_ODDS = 3e-3
+"""What has greater odds of a rock than this is worth asking about,"""
 SHARP = 0.25
-"""A rock is believed that was measured to this share of a wheel; of others one may ask again."""
-ROCKY = 40.0
-"""By how much one does on which the map shows a rock: it may be noise, or seen too low."""
+"""unless it is a rock that was measured to this share of a wheel."""
 LEAST_SIGMA_M = 1e-3
 TIRED = 6.0
 """After so many looks that were to show a place and did not, it costs twice as much."""
@@ -59,6 +62,16 @@ class Relief:
 
 
 @dataclass(frozen=True)
+class Way:
+    """A way down."""
+
+    path_m: Floats
+    """(N, 2)."""
+    risk: float
+    """How many cells with a rock it is expected to meet, after it has left its stand."""
+
+
+@dataclass(frozen=True)
 class Hope:
     """The most hopeful way down, and what is not known of it."""
 
@@ -67,13 +80,20 @@ class Hope:
     relief: Relief
     """On which it was planned."""
     unseen: Bools
-    """(h, w) cells of that beside it that nobody has seen; `blurred` and `rock` likewise."""
+    """(h, w) cells of that beside it that nobody has seen; `blurred`, `rock` and `vague` likewise:
+    seen, not sharply; surely a rock; of which that is not known well enough."""
     blurred: Bools
     rock: Bools
+    vague: Bools
 
     def told(self) -> str:
         """Return in words what keeps it from being safe."""
-        names = {"unseen": self.unseen, "blurred": self.blurred, "rock": self.rock}
+        names = {
+            "unseen": self.unseen,
+            "blurred": self.blurred,
+            "rock": self.rock,
+            "that may be rock": self.vague,
+        }
         cell_m2 = self.relief.frame.cell_m**2
         parts = [f"{cells.sum() * cell_m2:.1f} m2 {name}" for name, cells in names.items()]
         length_m = float(np.hypot(*np.diff(self.path_m, axis=0).T).sum())
@@ -88,7 +108,7 @@ def safe_path(
     stand: Pose,
     goal_m: Point,
     *,
-    strict: bool = True,
+    most_risk: float = MOST_RISK,
 ) -> Floats | None:
     """Return a way (N, 2) over known and safe ground from a stand to a goal, or None.
 
@@ -99,18 +119,35 @@ def safe_path(
         sigma_m: (H, W) of each cell against the ground next to it.
         stand: where it stands; what the map forbids there is allowed.
         goal_m: where it is to go; it is enough to come within `GOAL_M`.
-        strict: bar what may be a rock, too (`descent.descent_cost`).
+        most_risk: a way that is expected to meet more cells with a rock is none.
     """
+    way = least_risky(frame, drive, elevation_m, sigma_m, stand, goal_m)
+    return None if way is None or way.risk > most_risk else way.path_m
+
+
+def least_risky(
+    frame: GridFrame,
+    drive: DriveSettings,
+    elevation_m: Floats,
+    sigma_m: Floats,
+    stand: Pose,
+    goal_m: Point,
+) -> Way | None:
+    """Return the way that weighs length against rocks best, or None; for `safe_path`."""
     stand_m = (stand.x_m, stand.y_m)
     relief = relief_of(frame, drive, elevation_m, sigma_m, stand)
     if not _may_lead(relief, drive, stand_m, goal_m):
         return None
-    for room_m in ROOMS_M:
-        sizes = _sizes(relief.frame, drive, room_m)
-        cost = descent.descent_cost(relief.elevation_m, relief.sigma_m, **sizes, strict=strict)
-        if (path_m := _way(relief.frame, cost, stand_m, goal_m)) is not None:
-            return path_m
-    return None
+    sizes, joined = _sizes(relief.frame, drive), relief.frame
+    cost = descent.descent_cost(relief.elevation_m, relief.sigma_m, **sizes)
+    path_m = _way(joined, cost, stand_m, goal_m)
+    if path_m is None:
+        return None
+    odds = descent.barred(relief.elevation_m, relief.sigma_m, **sizes).odds
+    reach = surface.disc(0.5 * sizes["footprint_m"] / joined.cell_m)
+    swept = cv2.dilate(_on(joined, path_m).astype(np.uint8), reach) > 0
+    swept &= ~within(joined, stand_m, drive.footprint_m / 2 + STAND_M)
+    return Way(path_m, float(odds[swept].sum()))
 
 
 def hopeful(
@@ -122,23 +159,23 @@ def hopeful(
     """
     relief = relief_of(frame, drive, elevation_m, sigma_m, down.stand)
     cell_m, sizes = relief.frame.cell_m, _sizes(relief.frame, drive)
-    reach_m = 0.5 * sizes["footprint_m"]
-    bars = descent.barred(relief.elevation_m, relief.sigma_m, **sizes, strict=True)
-    unknown, rock = bars.unseen | bars.blurred, bars.rock & ~bars.unseen
-
-    def beside(cells: Bools) -> Bools:
-        return markov.distance_to_known_m(cells, cell_m) <= reach_m
-
+    bars = descent.barred(relief.elevation_m, relief.sigma_m, **sizes)
+    unknown = bars.unseen | bars.blurred
     tries = _blocks(down.asked, _factor(frame, drive), 0.0).max(axis=(1, 3))
-    disc = surface.disc(reach_m / cell_m)
-    tired = np.asarray(cv2.dilate(tries, disc), dtype=np.float64) / TIRED
-    weight = (ASKING * beside(unknown) + ROCKY * beside(rock)) * (1.0 + tired)
+    odds = np.where(unknown, UNSEEN_ODDS, bars.odds) * (1.0 + tries / TIRED)
+    met = descent.met_per_metre(odds, sizes["footprint_m"], cell_m)
     stand_m = (down.stand.x_m, down.stand.y_m)
-    path_m = _way(relief.frame, 1.0 + weight, stand_m, down.goal_m)
+    path_m = _way(relief.frame, 1.0 + descent.RISK_WEIGHT * met, stand_m, down.goal_m)
     if path_m is None:
         return None
-    along = beside(_on(relief.frame, path_m)) & ~within(relief.frame, stand_m, STAND_M)
-    return Hope(path_m, relief, bars.unseen & along, bars.blurred & along, rock & along)
+    beside = markov.distance_to_known_m(_on(relief.frame, path_m), cell_m)
+    along = beside <= 0.5 * sizes["footprint_m"]
+    along &= ~within(relief.frame, stand_m, STAND_M)
+    seen = along & ~unknown
+    sharp = relief.sigma_m <= SHARP * drive.wheel_m
+    rock = seen & bars.rock & sharp
+    vague = seen & ~rock & (bars.odds > VAGUE_ODDS)
+    return Hope(path_m, relief, bars.unseen & along, bars.blurred & along, rock, vague)
 
 
 def open_questions(
@@ -149,9 +186,7 @@ def open_questions(
     if safe_path(*ground, down.stand, down.goal_m) is None:
         hope = hopeful(*ground, down)
         if hope is not None:
-            # A rock that was seen sharply is one.
-            vague = hope.rock & (hope.relief.sigma_m > SHARP * drive.wheel_m)
-            asked = hope.unseen | hope.blurred | vague
+            asked = hope.unseen | hope.blurred | hope.vague
             factor = _factor(frame, drive)
             return asked.repeat(factor, 0).repeat(factor, 1)[: frame.rows, : frame.cols]
     return np.zeros(frame.shape, dtype=np.bool_)
@@ -231,11 +266,13 @@ def distance_to(frame: GridFrame, point_m: Point) -> Floats:
     return np.hypot(x_m[None], y_m[:, None])
 
 
-def _sizes(
-    frame: GridFrame, drive: DriveSettings, room_m: float = surface.CLEARANCE_M
-) -> dict[str, float]:
-    footprint_m = drive.footprint_m + 2 * room_m
-    return {"cell_m": frame.cell_m, "footprint_m": footprint_m, "wheel_m": drive.wheel_m}
+def _sizes(frame: GridFrame, drive: DriveSettings) -> dict[str, float]:
+    return {
+        "cell_m": frame.cell_m,
+        "footprint_m": drive.footprint_m + 2 * surface.CLEARANCE_M,
+        "wheel_m": drive.wheel_m,
+        "climb_m": drive.climb_m,
+    }
 
 
 def _may_lead(relief: Relief, drive: DriveSettings, stand_m: Point, goal_m: Point) -> bool:

@@ -63,6 +63,8 @@ class PoseFilter:
         """Begin at a pose with a covariance (4, 4) of (x, y, z, yaw), metres and radians."""
         self._state = Gaussian(pose_numbers(pose), checked_covariance(covariance, SIZE))
         self._names: list[Remembered] = []
+        self.moves = 0
+        """How often it was told of a drive."""
 
     # --- what is believed ---------------------------------------------------------------------
 
@@ -108,10 +110,16 @@ class PoseFilter:
 
     # --- remembering ----------------------------------------------------------------------------
 
-    def remember(self, name: Remembered) -> None:
-        """Keep the present pose under a name: what is learnt later corrects it too."""
+    def remember(self, name: Remembered, blur: Floats | None = None) -> None:
+        """Keep the present pose under a name: what is learnt later corrects it too.
+
+        `blur` (4, 4) is the covariance of what stands for the pose later, a drawing made from it,
+        against the pose itself: however often that is measured, it does not get surer than this.
+        """
         mean, covariance = self._state.mean, self._state.covariance
-        self._grow(name, mean[:SIZE], covariance[:SIZE, :SIZE], covariance[:SIZE])
+        own = covariance[:SIZE, :SIZE]
+        own = own if blur is None else own + checked_covariance(blur, SIZE)
+        self._grow(name, mean[:SIZE], own, covariance[:SIZE])
 
     def introduce(self, name: Remembered, pose: Pose, covariance: Floats) -> None:
         """Keep somebody's pose, whose error (4, 4) is independent of all that is known so far."""
@@ -177,6 +185,7 @@ class PoseFilter:
 
     def predict(self, odometry: Odometry) -> None:
         """Move by what odometry says (Eq. 14)."""
+        self.moves += 1
         offset = (odometry.forward_m, odometry.left_m, odometry.up_m, odometry.turn_rad)
         noise = checked_covariance(odometry.covariance, SIZE)
         here, n = self.pose, len(self._state.mean)

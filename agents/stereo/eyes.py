@@ -6,11 +6,11 @@ either side, and the arm keeps their rows level.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from agents.geometry import Bools, Floats, wrap_angle
+from agents.geometry import Bools, Floats, Pose, wrap_angle
 from agents.ports import Exposure, Sighting
 from agents.settings import SensorSettings
 from agents.stereo.calibration import Calibration, pinhole
@@ -19,9 +19,13 @@ from agents.stereo.finding import Finder, Found, NotFound
 from agents.stereo.matching import Grey, Matched, MatchSettings, match
 from agents.stereo.points import calibration_covariances, cloud
 from agents.stereo.settings import StereoSettings
+from agents.stereo.subpixel import refined
 from agents.stereo.tags import TagSearch, TagSighting, find_robots
 
 ROCKS = 0.3
+LEAST_ABOUT = 0.8
+"""Points are left out about which less than this share of the pixels was matched. Of the points of
+three missions that lay more than four sigmas off, two in three were such."""
 MATE_RADIUS_M, MATE_TOP_M = 0.55, 2.2
 """Points this near to a sighted team-mate's axis, and up to this high, are its own: no ground."""
 
@@ -81,12 +85,14 @@ def see(
     calibration = calibration_of(sensor, stereo)
     most = largest_disparity_px(sensor, calibration, look.tilt_rad)
     matched = match(left, right, MatchSettings(max_disparity_px=most))
+    matched = refined(left, right, matched, stereo.stride_px)
     found = cloud(
         matched,
         calibration,
         stride_px=stereo.stride_px,
         near_m=sensor.near_m,
         far_m=sensor.range_m,
+        least_about=LEAST_ABOUT,
     )
     turn = level_from_camera(look.pan_rad, look.tilt_rad)
     eye_m = left_eye_m(sensor, stereo, look.pan_rad)
@@ -144,6 +150,25 @@ def _ground(points_m: Floats, feet_m: Sequence[Floats]) -> Bools:
     for foot_m in feet_m:
         kept &= _off(points_m, foot_m, MATE_RADIUS_M, MATE_TOP_M)
     return kept
+
+
+def off_mates(exposure: Exposure, pose: Pose, stands: Sequence[tuple[Pose, float]]) -> Exposure:
+    """Leave out the points that may be on a team-mate.
+
+    Args:
+        exposure: one look.
+        pose: from where it was taken.
+        stands: where team-mates say that they are, each with the standard deviation, in metres, of
+            how they stand to this robot: so much farther out, twice, points are left out, at most
+            as much as a robot is wide.
+    """
+    at_m = pose.team_from_robot(exposure.points_m)
+    kept = np.ones(len(at_m), dtype=np.bool_)
+    for stand, sigma_m in stands:
+        radius_m = MATE_RADIUS_M + min(2.0 * sigma_m, MATE_RADIUS_M)
+        foot_m = np.array((stand.x_m, stand.y_m, stand.z_m))
+        kept &= _off(at_m, foot_m, radius_m, MATE_TOP_M)
+    return replace(exposure, points_m=exposure.points_m[kept], sigma_m=exposure.sigma_m[kept])
 
 
 def _off(points_m: Floats, foot_m: Floats, radius_m: float, top_m: float) -> Bools:

@@ -2,14 +2,19 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
-from agents.geometry import Floats, Ints
+from agents.geometry import Floats, Ints, Singles
 from agents.stereo.calibration import Calibration
 from agents.stereo.matching import Matched
 
 PIXEL_SIGMA_PX = 0.29
 """Standard deviation of where within its pixel a point lies: uniform over one pixel."""
+
+
+ABOUT_PX = 9
+"""Side of the square of pixels about a point."""
 
 
 @dataclass(frozen=True)
@@ -36,20 +41,31 @@ def cloud(
     stride_px: int = 1,
     near_m: float = 0.0,
     far_m: float = np.inf,
+    least_about: float = 0.0,
 ) -> Cloud:
     """Return the points of a matched pair whose depth is within [near_m, far_m].
 
     Every `stride_px`-th pixel of every such row is taken: neighbours come out of one another's
-    windows, and to count each as a measurement of its own would make a map too sure.
+    windows, and to count each as a measurement of its own would make a map too sure. Left out is
+    where less than `least_about` of the pixels about it (9 x 9) were matched: at the border of what
+    two images have in common, one side is drawn towards the other.
     """
     start = stride_px // 2
     thinned = matched.disparity_px[start::stride_px, start::stride_px].astype(np.float64)
     depth_m = calibration.depth_m(thinned)
     near = np.isfinite(depth_m) & (depth_m >= near_m) & (depth_m <= far_m)
+    near &= matched_about(matched.disparity_px)[start::stride_px, start::stride_px] >= least_about
     pixels = start + stride_px * np.argwhere(near)
     sigma_px = matched.sigma_px[pixels[:, 0], pixels[:, 1]].astype(np.float64)
     points_m = back_projected(pixels, depth_m[near], calibration)
     return Cloud(points_m, covariances(points_m, sigma_px, calibration), pixels)
+
+
+def matched_about(disparity_px: Singles) -> Singles:
+    """Return the share (H, W) of the pixels about each that were matched."""
+    known = np.isfinite(disparity_px).astype(np.float32)
+    share = cv2.blur(known, (ABOUT_PX, ABOUT_PX), borderType=cv2.BORDER_REFLECT_101)
+    return np.asarray(share, dtype=np.float32)
 
 
 def back_projected(pixels: Ints, depth_m: Floats, calibration: Calibration) -> Floats:

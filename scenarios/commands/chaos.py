@@ -45,16 +45,18 @@ def add(commands: Commands) -> None:
 def _run(args: argparse.Namespace) -> int:
     series = _series(args)
     from scenarios.chaos.series import run_series
+    from scenarios.records.folder import prepare_file
     from scenarios.records.summary import write_json
 
+    out = None if args.out is None else Path(args.out)
+    if out is not None:
+        prepare_file(out)
     tally = run_series(series, args.seed, args.runs, jobs=args.jobs, told=_tell)
     for failure in tally.failures:
         print("\n".join(_lines(args, failure)))
     print(_last_words(tally))
-    if args.out is not None:
-        path = Path(args.out)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, tally.facts())
+    if out is not None:
+        write_json(out, tally.facts())
     return FAULT if tally.failures else OK
 
 

@@ -29,12 +29,16 @@ def add(commands: Commands) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     from scenarios.chaos.soak import soak, soak_scenario
+    from scenarios.records.folder import prepare_file
     from scenarios.records.summary import write_json
     from scenarios.schema.overrides import parse_override
 
     if not 0.5 <= args.hours <= 700:
         raise UsageError(f"--hours {args.hours:g}: must be from 0.5 to 700")
     changes = [parse_override(text) for text in args.sets]
+    out = None if args.out is None else Path(args.out)
+    if out is not None:
+        prepare_file(out)
     soaked = soak(soak_scenario(args.hours, args.seed, changes), args.seed)
     growth = soaked.growth()
     print(
@@ -44,9 +48,7 @@ def _run(args: argparse.Namespace) -> int:
     for name, share in growth.items():
         size_mb = soaked.memory[name][-1][1] / 1e6
         print(f"{name:12} {size_mb:6.1f} MB of its own, {share:+.1%} in the second half")
-    if args.out is not None:
-        path = Path(args.out)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_json(path, soaked.facts())
+    if out is not None:
+        write_json(out, soaked.facts())
     sound = soaked.ending == "limit" and max(growth.values(), default=1.0) < MOST_GROWTH
     return OK if sound else FAULT

@@ -2,13 +2,13 @@
 
 import argparse
 import importlib.util
+import shlex
 import shutil
 import subprocess
 import sys
-import webbrowser
 from pathlib import Path
 
-from scenarios.commands.parsing import OK, Commands
+from scenarios.commands.parsing import FAULT, OK, Commands
 from scenarios.errors import UsageError
 
 _DESCRIPTION = """\
@@ -36,11 +36,11 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _browser(folder: Path) -> int:
-    from scenarios.view.livepage import has_screen
     from scenarios.view.report import FILE, write_report
+    from scenarios.view.window import open_page
 
     page = folder / FILE if (folder / FILE).is_file() else write_report(folder)
-    if has_screen() and webbrowser.open(page.resolve().as_uri()):
+    if open_page(page.resolve().as_uri()):
         print(f"In the browser: {page}")
     else:
         print(f"No browser can be opened here: open {page} yourself.")
@@ -49,18 +49,22 @@ def _browser(folder: Path) -> int:
 
 def _rerun(folder: Path) -> int:
     from scenarios.ros2.bag import NAME, write_bag
+    from scenarios.view.window import has_window
 
     bag = folder / NAME if (folder / NAME).is_file() else write_bag(folder)
-    # Left to itself it listens on all interfaces.
-    subprocess.run([*_viewer(bag), "--bind", "127.0.0.1", str(bag)], check=False)
-    return OK
+    words = [*_viewer(bag), "--bind", "127.0.0.1"]  # left to itself it listens on all interfaces
+    if not has_window():
+        print("No window can be opened here. To see it in a browser:")
+        print(shlex.join([*words, "--serve-web", str(bag)]))
+        return OK
+    return OK if subprocess.run([*words, str(bag)], check=False).returncode == 0 else FAULT
 
 
 def _viewer(bag: Path) -> list[str]:
     """Return how Rerun is called here."""
+    found = shutil.which("rerun")
+    if found is not None:
+        return [found]
     if importlib.util.find_spec("rerun") is not None:
         return [sys.executable, "-m", "rerun"]
-    found = shutil.which("rerun")
-    if found is None:
-        raise UsageError(f"--rerun: Rerun is not installed (pip install rerun-sdk); {bag} is there")
-    return [found]
+    raise UsageError(f"--rerun: Rerun is not installed (pip install rerun-sdk); {bag} is there")

@@ -85,6 +85,24 @@ def prepare(path: Path, *, overwrite: bool) -> None:
         raise FolderError(f"--out {path}: can't be written: {error.strerror}") from error
 
 
+def prepare_file(path: Path) -> None:
+    """Make the folder of a file, and see that it can be written, before the hours that fill it.
+
+    Raises:
+        FolderError: it can't be.
+
+    """
+    if path.is_dir():
+        raise FolderError(f"--out {path}: is a folder; must be a file")
+    trial = path.with_name(f".{path.name}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        trial.touch()
+        trial.unlink()
+    except OSError as error:
+        raise FolderError(f"--out {path}: can't be written: {error.strerror}") from error
+
+
 def _is_empty(path: Path) -> bool:
     return path.is_dir() and not any(path.iterdir())
 

@@ -9,9 +9,9 @@ from scenarios.palette import run_colours
 from scenarios.view.page import self_contained
 from scenarios.view.report import keep
 from scenarios.view.rundir import Run, Table, fitting, read_run
+from scenarios.view.varied import Value, settings_of, varied
 
 Curve = list[tuple[float, float]]
-Value = bool | int | float | str | None
 MAIN = (
     "scenario",
     "seed",
@@ -34,6 +34,8 @@ LEAST_SHARE = 0.0005
 """A smaller difference, as a share of the first run's value, is not spoken of."""
 MOST_POINTS = 1500
 """Of a curve: more are thinned."""
+MOST_SETTINGS = 20
+"""That differ, in the terminal: the page has all."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +46,8 @@ class Compared:
     run: Run
     values: dict[str, Value]
     """Of its summary, by key: "team.coverage"; and the sums `sent_bytes` and `looks`."""
+    settings: dict[str, Value]
+    """Of its scenario, by key."""
     sent: Curve
     coverage: Curve
 
@@ -64,8 +68,9 @@ def read_all(paths: Sequence[Path]) -> list[Compared]:
     compared: list[Compared] = []
     for label, run in zip(labels, runs, strict=True):
         with fitting(run.path):
+            tables = (values_of(run), settings_of(run.scenario))
             curves = (sent_curve(run.frames), coverage_curve(run.looks))
-            compared.append(Compared(label, run, values_of(run), *curves))
+            compared.append(Compared(label, run, *tables, *curves))
     return compared
 
 
@@ -104,20 +109,32 @@ def differs(runs: Sequence[Compared], key: str) -> bool:
 
 
 def as_text(runs: Sequence[Compared]) -> str:
-    """Return the table for the terminal: main keys, each run's difference from the first one."""
-    keys = keys_of(runs)
+    """Return the tables for the terminal: what was set differently, and what came out.
+
+    Of figures the main ones, each with its difference from the first run's.
+    """
+    keys, settings = keys_of(runs), varied([run.settings for run in runs])
     head = ["", *(run.label for run in runs)]
-    rows = [[key, *_cells(runs, key)] for key in keys if key in MAIN]
-    table = [head, *rows]
-    widths = [max(len(row[i]) for row in table) for i in range(len(head))]
-    lines = [
-        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in pairs).rstrip()
-        for pairs in (list(enumerate(zip(row, widths, strict=True))) for row in table)
-    ]
+    figures = [[key, *_cells(runs, key)] for key in keys if key in MAIN]
+    set_so = [[key, *map(_text, values)] for key, values in settings[:MOST_SETTINGS]]
+    table = _aligned([["set differently", *head[1:]], *set_so, head, *figures])
+    lines = [*table[: 1 + len(set_so)], ""] if set_so else []
+    if len(settings) > MOST_SETTINGS:
+        lines.insert(-1, f"and {len(settings) - MOST_SETTINGS} more settings")
+    lines += table[1 + len(set_so) :]
     others = [key for key in keys if key not in MAIN and differs(runs, key)]
     if others:
         lines.append(f"and {len(others)} more keys differ")
     return "\n".join(lines)
+
+
+def _aligned(table: Sequence[Sequence[str]]) -> list[str]:
+    """Return a table as lines: the first column to the left, the others to the right."""
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+    return [
+        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in pairs).rstrip()
+        for pairs in (list(enumerate(zip(row, widths, strict=True))) for row in table)
+    ]
 
 
 def _cells(runs: Sequence[Compared], key: str) -> list[str]:
@@ -173,6 +190,7 @@ def write_comparison(runs: Sequence[Compared], out: Path) -> Path:
     keys = keys_of(runs)
     data = {
         "keys": [[key, key in MAIN] for key in keys],
+        "settings": varied([run.settings for run in runs]),
         "runs": [
             {
                 "label": run.label,

@@ -1,14 +1,12 @@
 """The page of a run that goes on: opens it, feeds it, and lets it have the last word."""
 
-import os
-import sys
-import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from scenarios.view.desk import Desk, Watched
 from scenarios.view.server import Server
+from scenarios.view.window import open_page
 
 OPEN_S = 15.0
 """Wall seconds that a browser may take to show the page; then the run begins without it."""
@@ -43,7 +41,7 @@ class LivePage:
         self.say(f"Live view: {self.server.address}")
         if not self.opens:
             return
-        if has_screen() and webbrowser.open(self.server.address):
+        if open_page(self.server.address):
             self.server.watched.wait(OPEN_S)
         else:
             self.say("No browser can be opened here: open the address yourself.")
@@ -63,9 +61,3 @@ class LivePage:
     def _ask(self, wish: dict[str, Any]) -> None:
         if self.desk is not None:
             self.desk.ask(wish)
-
-
-def has_screen() -> bool:
-    """Say whether a browser would have a window: one in the terminal would take it from the run."""
-    named = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER"))
-    return named or not sys.platform.startswith("linux")

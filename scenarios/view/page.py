@@ -18,6 +18,9 @@ MODULES = (
     "scene",
     "charts",
     "tables",
+    "links",
+    "curves",
+    "keys",
     "looks",
     "controls",
 )

@@ -1,16 +1,14 @@
 """What a page is told of a run, as it happens: who moved where, how maps grew, what was planned.
 
 The runner keeps it beside its tables. What the tables hold comes from them when a report is made;
-the rest is written as `playback.bin`. Rows are short lists, with a robot's index for its name and
-seconds for times; `assets/model.js` reads them.
+the rest is written as `playback.bin` (`scenarios.view.playback`). Rows are short lists, with a
+robot's index for its name and seconds for times; `assets/model.js` reads them.
 """
 
-import zlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import msgpack
 import numpy as np
 
 from comms.timebase import to_s
@@ -18,15 +16,11 @@ from scenarios.palette import robot_colours
 from scenarios.records.tables import EventRow, LookRow, MapRow, Row, RxRow, TxRow
 from scenarios.stage import Stage
 from scenarios.view.growth import scale_of, truth_of
+from scenarios.view.playback import FORMAT, KEPT, Rows, write_playback
 from scenarios.wire import Report
 from sim.planar_world import PlanarWorld
 
-FORMAT = 1
-FILE = "playback.bin"
-KEPT = ("moves", "growth", "plans", "states")
-"""Rows that no table has: these are written."""
 ROWS = (*KEPT, "looks", "tx", "rx", "maps", "events")
-Rows = dict[str, list[Any]]
 
 
 def head_of(stage: Stage) -> dict[str, Any]:
@@ -118,18 +112,7 @@ class Reel:
 
     def write(self, folder: Path) -> None:
         """Write `playback.bin`, whole or not at all: what the tables don't have."""
-        # A robot's own rows stay in the order in which they came: a later motion overrules.
-        kept = {key: sorted(self.rows[key], key=_robot) for key in KEPT}
-        data = zlib.compress(_packed({"head": self.head, **kept}), 6)
-        part = folder / f".{FILE}.part"
-        part.write_bytes(data)
-        part.replace(folder / FILE)
-
-
-def _packed(value: object) -> bytes:
-    packed = msgpack.packb(value)
-    assert packed is not None
-    return packed
+        write_playback(folder, self.head, self.rows)
 
 
 def rows_of(row: Row, index: dict[str, int]) -> Iterable[tuple[str, list[Any]]]:
@@ -142,7 +125,7 @@ def rows_of(row: Row, index: dict[str, int]) -> Iterable[tuple[str, list[Any]]]:
                 row.new_cells, _round(row.coverage, 5),
             ]  # fmt: skip
         case TxRow():
-            when = (_round(row.start_s), _round(row.end_s))
+            when = (_round(row.start_s), _round(row.end_s), _round(row.chosen_s))
             yield "tx", [index[row.sender], row.seq, row.kind, row.bytes, *when]
         case RxRow():
             to, sender = index[row.receiver], index[row.sender]
@@ -153,10 +136,6 @@ def rows_of(row: Row, index: dict[str, int]) -> Iterable[tuple[str, list[Any]]]:
             yield "maps", [index[row.robot], _round(row.t_s), *known, error_m]
         case EventRow():
             yield "events", [index.get(row.robot, row.robot), _round(row.t_s), row.what, row.detail]
-
-
-def _robot(row: Sequence[Any]) -> int:
-    return row[0]
 
 
 def _move(me: int, segment: Sequence[Any]) -> list[Any]:

@@ -7,8 +7,8 @@ from typing import Any
 from scenarios.errors import UsageError
 from scenarios.records.tables import write_atomic
 from scenarios.view.page import self_contained
-from scenarios.view.reel import Rows
-from scenarios.view.rundir import Run, Table, fitting, read_playback, read_run
+from scenarios.view.playback import Rows, read_playback
+from scenarios.view.rundir import Run, Table, fitting, read_run
 
 FILE = "report.html"
 _VERSIONS = ("ropeteam", "eclipse-zenoh", "numpy", "scipy", "numba")
@@ -100,7 +100,7 @@ def _frames(table: Table, index: dict[str, int]) -> Rows:
         number = numbers.setdefault(key, len(numbers))
         sender = index[row["from"]]
         if number == len(tx):
-            when = (_float(row["start_s"]), _float(row["end_s"]))
+            when = [_float(row[key]) for key in ("start_s", "end_s", "chosen_s")]
             tx.append([sender, number, row["kind"], int(row["bytes"]), *when])
         arrive_s = _float(row["arrive_s"] or row["end_s"])
         rx.append([index[row["to"]], sender, number, arrive_s, row["verdict"]])

@@ -2,18 +2,14 @@
 
 import csv
 import json
-import zlib
 from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
-
-import msgpack
+from typing import Any
 
 from scenarios.errors import UsageError
 from scenarios.records.tables import EVENT_COLUMNS, FRAME_COLUMNS, LOOK_COLUMNS, MAP_COLUMNS
-from scenarios.view.reel import FILE, FORMAT, Rows
 
 Table = list[dict[str, str]]
 
@@ -64,28 +60,6 @@ def read_run(path: Path) -> Run:
         )
     except OSError as error:
         raise UsageError(f"{error.filename}: can't be read: {error.strerror}") from error
-
-
-def read_playback(path: Path) -> tuple[dict[str, Any], Rows]:
-    """Return what the runner kept for a playback: the head, and the rows that no table has.
-
-    Raises:
-        UsageError: there is none, or it can't be read.
-
-    """
-    file = path / FILE
-    try:
-        kept = cast("dict[str, Any]", msgpack.unpackb(zlib.decompress(file.read_bytes())))
-        head = cast("dict[str, Any]", kept.pop("head"))
-        if head["format"] != FORMAT:
-            raise UsageError(f"{file}: is of format {head['format']}; must be {FORMAT}")
-        return head, kept
-    except FileNotFoundError as error:
-        raise UsageError(f"{path}: has no {FILE}: it was run without a report") from error
-    except OSError as error:
-        raise UsageError(f"{file}: can't be read: {error.strerror}") from error
-    except (zlib.error, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise UsageError(f"{file}: is no playback of a run") from error
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import { clock } from "ropeteam/model";
 
 const HEIGHT = 210;
 const WIDTHS = [4.6, 3.5, 2.4, 1.3];
+const CLOCK_STEPS = [1, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 21600, 43200, 86400];
 
 // A chart of one curve per robot; `series(robot)` gives [[t, value] ...], values hold till the next.
 export class Chart {
@@ -55,7 +56,7 @@ export class Chart {
       legend: { live: true },
       scales: { x: { time: false } },
       axes: [
-        axis({ values: (_, ticks) => ticks.map(this.xText), space: 80 }),
+        axis({ values: (_, ticks) => ticks.map(this.xText), space: 80, ...(this.xText === clock ? { incrs: CLOCK_STEPS } : {}) }),
         axis({ values: (_, ticks) => ticks.map((value) => this.unit.tick(value)), size: 54 }),
       ],
       series: [

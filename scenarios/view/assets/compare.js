@@ -28,8 +28,8 @@ function difference(first, value) {
 }
 
 function cell(first, value, isFirst) {
-  const change = isFirst ? null : difference(first, value);
-  return make("td", { class: "number" }, valueText(value), change ? make("span", { class: "change" }, change) : null);
+  const change = isFirst ? null : make("span", { class: "change" }, difference(first, value) ?? "");
+  return make("td", { class: "number" }, valueText(value), change);
 }
 
 // One row for each key, with the first run's figure and how the others differ from it.
@@ -44,10 +44,22 @@ function rowsOf({ keys, runs }, wanted) {
   });
 }
 
-function tableOf(title, runs, rows) {
-  const head = make("tr", {}, make("th", { scope: "col" }, ""), ...runs.map((run) => make("th", { scope: "col", class: "number" }, dot(run.colour), run.label)));
+// A table of all runs; with `changes` there is room for how each differs from the first.
+function tableOf(title, runs, rows, changes = true) {
+  const head = make("tr", {}, make("th", { scope: "col" }, ""), ...runs.map((run, n) => make("th", { scope: "col", class: "number" }, dot(run.colour), run.label, changes && n > 0 ? make("span", { class: "change" }) : null)));
   const table = make("table", {}, make("thead", {}, head), make("tbody", {}, ...rows));
   return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": title }, table);
+}
+
+// What was set differently; nothing but the seed, as often as not.
+function settings({ settings, runs }) {
+  const card = (...parts) => make("section", { class: "card" }, make("h2", {}, "Set differently"), ...parts);
+  if (settings.length === 0) return card(make("p", { class: "small" }, "Nothing but, perhaps, the seed: the scenarios are the same."));
+  const text = (value) => (value === null ? "–" : typeof value === "number" ? String(value) : valueText(value));
+  const rows = settings.map(([key, values]) =>
+    make("tr", {}, make("th", { scope: "row" }, key), ...values.map((value) => make("td", { class: "number" }, text(value)))),
+  );
+  return card(tableOf("Set differently", runs, rows, false));
 }
 
 // The team's figures in sight, those of each robot folded away.
@@ -95,6 +107,7 @@ try {
   root.append(
     make("header", { class: "top" }, make("div", {}, make("h1", {}, "Runs side by side"), make("ul", { class: "runs" }, ...data.runs.map((run) =>
       make("li", {}, dot(run.colour), make("strong", {}, run.label), ` ${run.reason}`))))),
+    settings(data),
     places,
     make("div", { class: "tables" }, ...figures(data)),
   );
@@ -102,7 +115,7 @@ try {
   const kilobytes = { tick: (v) => String(v), text: (v) => `${v.toFixed(1)} kB` };
   chart(places, data.runs, "The best map, % of the cells that can be seen", (run) => run.coverage, { unit: percent });
   chart(places, data.runs, "Sent by the team, kB", (run) => run.sent, { unit: kilobytes });
-  chart(places, data.runs, "The best map (%) by what the team had sent (kB)", coverageBySent, {
+  chart(places, data.runs, "The best map (%) by kB sent", coverageBySent, {
     unit: percent,
     xLabel: "sent",
     xText: (kB) => `${kB.toLocaleString("en")} kB`,

@@ -1,6 +1,8 @@
 // The page of one run: panels, time, curves, lists. A report plays it back; live feeds it on.
 
-import { Chart, bytesCurve, coverageCurve, thinned, together } from "ropeteam/charts";
+import { Curves } from "ropeteam/curves";
+import { Keys } from "ropeteam/keys";
+import { linkCard } from "ropeteam/links";
 import { legend, readTheme } from "ropeteam/looks";
 import { bytesText, clock, upTo } from "ropeteam/model";
 import { RobotMap } from "ropeteam/panel";
@@ -24,10 +26,10 @@ export class Page {
     this.rate = 1;
     this.root = root;
     this.listed = -1;
+    this.keys = new Keys(this);
     this.build();
     this.theme = readTheme();
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.restyle());
-    document.addEventListener("keydown", (event) => this.key(event));
     new ResizeObserver(() => requestAnimationFrame(() => this.draw())).observe(root);
   }
 
@@ -49,7 +51,12 @@ export class Page {
         "header",
         { class: "top" },
         make("div", {}, make("h1", {}, head.title), this.status),
-        make("button", { class: "quiet", title: "Light or dark", on: { click: () => this.flip() } }, "Light / dark"),
+        make(
+          "div",
+          { class: "corner" },
+          this.keys.button,
+          make("button", { class: "quiet", title: "Light or dark (d)", on: { click: () => this.flip() } }, "Light / dark"),
+        ),
       ),
       this.live ? this.live.bar() : "",
       this.numbers,
@@ -67,21 +74,14 @@ export class Page {
       this.timeBar(),
       this.charts,
       this.tables,
+      this.keys.dialog,
     );
-    this.bytesChart = this.chart("Sent so far, kB", { tick: (v) => String(v), text: (v) => `${v.toFixed(1)} kB` });
-    this.coverageChart = this.chart("Mapped, % of the cells that can be seen", {
-      tick: (v) => String(v),
-      text: (v) => `${v.toFixed(1)} %`,
-    });
-  }
-
-  chart(title, unit) {
-    const curves = this.run.robots.map((robot) => ({ label: robot.name, colour: robot.colour }));
-    return new Chart(this.charts, { title, unit, curves, look: () => this.theme, onPick: (t) => this.seek(t) });
+    this.curves = new Curves(this.charts, this.run, { look: () => this.theme, onPick: (t) => this.seek(t) });
   }
 
   mapPanel(robot) {
-    const canvas = make("canvas", { role: "img", "aria-label": `Map of ${robot.name}` });
+    const choose = () => this.choose(robot.index);
+    const canvas = make("canvas", { role: "img", "aria-label": `Map of ${robot.name}`, title: "Show it large", on: { click: choose } });
     canvas.style.aspectRatio = `${this.run.head.frame.cols} / ${this.run.head.frame.rows}`;
     const facts = make("p", { class: "small" });
     const buttons = make("div", { class: "acts" });
@@ -98,24 +98,27 @@ export class Page {
 
   choices() {
     const choices = [["truth", "truth only"], ["team", "all maps"], ...this.run.robots.map((r) => [r.index, r.name])];
-    const name = "shown";
-    const pick = (value) => {
-      this.world.choice = value;
-      this.draw();
-    };
+    this.choiceInputs = new Map(
+      choices.map(([value]) => [
+        value,
+        make("input", { type: "radio", name: "shown", checked: value === "team", on: { change: () => this.choose(value) } }),
+      ]),
+    );
     return make(
       "fieldset",
       { class: "choices" },
       make("legend", {}, "Over the dimmed truth"),
-      ...choices.map(([value, words]) =>
-        make(
-          "label",
-          {},
-          make("input", { type: "radio", name, checked: value === "team", on: { change: () => pick(value) } }),
-          make("span", {}, words),
-        ),
-      ),
+      ...choices.map(([value, words]) => make("label", {}, this.choiceInputs.get(value), make("span", {}, words))),
     );
+  }
+
+  // Lays another map over the truth: "truth" (none), "team", or a robot's by its index.
+  choose(value) {
+    const input = this.choiceInputs.get(value);
+    if (!input) return;
+    input.checked = true;
+    this.world.choice = value;
+    this.draw();
   }
 
   timeBar() {
@@ -224,21 +227,15 @@ export class Page {
     this.draw();
   }
 
-  key(event) {
-    if (event.target.matches?.("input[type=radio], select, input[type=number]")) return;
-    const far = event.shiftKey ? 60 : 5;
-    const acts = {
-      " ": () => (this.isLive ? this.live.toggle() : this.toggle()),
-      ArrowLeft: () => this.seek(this.t - far),
-      ArrowRight: () => this.seek(this.t + far),
-      Home: () => this.seek(0),
-      End: () => (this.isLive ? this.follow() : this.seek(this.end_s)),
-    };
-    if (event.key === " " && event.target.matches?.("button")) return;
-    if (event.ctrlKey || event.metaKey || event.altKey || !(event.key in acts)) return;
-    if (event.key !== " " && event.target.matches?.(".events, .scroll")) return;
-    event.preventDefault();
-    acts[event.key]();
+  // What the space bar does: a run that goes on is held itself, another one's play-back.
+  hold() {
+    if (this.isLive) this.live.toggle();
+    else this.toggle();
+  }
+
+  toEnd() {
+    if (this.isLive) this.follow();
+    else this.seek(this.end_s);
   }
 
   // --- showing -----------------------------------------------------------------------------
@@ -275,8 +272,7 @@ export class Page {
       panel.draw(this.t, this.theme, this.playing);
       facts.textContent = this.mapFacts(robot);
     }
-    this.bytesChart.at(this.t);
-    this.coverageChart.at(this.t);
+    this.curves.at(this.t);
     this.showNumbers();
     this.showEvents();
   }
@@ -318,12 +314,7 @@ export class Page {
   }
 
   showCurves() {
-    const { robots, head } = this.run;
-    const end = Math.max(this.end_s, 1);
-    const bytes = robots.map((robot) => thinned(bytesCurve(robot), end).map(([t, sum]) => [t, sum / 1000]));
-    const coverage = robots.map((robot) => thinned(coverageCurve(robot, head.observable_cells), end));
-    this.bytesChart.show(together(bytes, end));
-    this.coverageChart.show(together(coverage, end));
+    this.curves.show(this.end_s);
   }
 
   showEvents() {
@@ -360,7 +351,7 @@ export class Page {
     const { outcome, outcome_reason } = end.summary;
     const words = `${outcome}: ${outcome_reason}`;
     this.status.textContent = words[0].toUpperCase() + words.slice(1);
-    this.tables.replaceChildren(...endCards(this.run, end));
+    this.tables.replaceChildren(...endCards(this.run, linkCard(this.run), end));
   }
 
   // --- light and dark ------------------------------------------------------------------------
@@ -374,8 +365,7 @@ export class Page {
 
   restyle() {
     this.theme = readTheme();
-    this.bytesChart.restyle();
-    this.coverageChart.restyle();
+    this.curves.restyle();
     this.draw();
   }
 }

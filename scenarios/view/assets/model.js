@@ -39,10 +39,10 @@ export class Run {
     this.revision += 1;
   }
 
-  send([from, number, kind, bytes, start, end]) {
+  send([from, number, kind, bytes, start, end, chosen]) {
     const robot = this.robots[from];
     const total = (robot.frames.at(-1)?.total ?? 0) + bytes;
-    const frame = { from, number, kind, bytes, start, end, total, heard: new Map() };
+    const frame = { from, number, kind, bytes, start, end, chosen, total, heard: new Map() };
     robot.sent.set(number, frame);
     robot.frames.push(frame);
     this.frames.push(frame);

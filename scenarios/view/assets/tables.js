@@ -87,26 +87,9 @@ export function bytesTable(run) {
   return table(["bytes spent on", ...kinds, "in all"], rows, { caption: "What the bytes were spent on" });
 }
 
-// What became of the frames from each robot (row) to each other (column).
-export function linkTable(run) {
-  const rows = run.robots.map((from) => [
-    make("span", {}, dot(from.colour), from.name),
-    ...run.robots.map((to) => (from === to ? "" : fate(from, to))),
-  ]);
-  return table(["from \\ to", ...run.robots.map((robot) => robot.name)], rows, { caption: "Links" });
-}
-
-function fate(from, to) {
-  let heard = 0;
-  let told = 0;
-  for (const frame of from.frames) {
-    const verdict = frame.heard.get(to.index)?.[1];
-    if (verdict === undefined) continue;
-    told += 1;
-    heard += verdict === "delivered";
-  }
-  if (told === 0) return "–";
-  return heard === told ? `${told.toLocaleString("en")}` : `${heard.toLocaleString("en")} of ${told.toLocaleString("en")}`;
+// A few figures beside each other.
+function factRow(facts) {
+  return make("dl", { class: "wide" }, ...facts.map(([key, value]) => make("div", {}, make("dt", {}, key), make("dd", {}, value))));
 }
 
 export function factTable(facts) {
@@ -118,8 +101,8 @@ export function eventText(run, [robot, t, what, detail]) {
   return { t, what, detail, name: known ? known.name : robot, colour: known ? known.colour : null, time: clock(t) };
 }
 
-// All that is told of a run that has ended, as cards.
-export function endCards(run, { summary, scenario, versions }) {
+// All that is told of a run that has ended, as cards, with one of its links among them.
+export function endCards(run, links, { summary, scenario, versions }) {
   const team = summary.team;
   const facts = [
     ["simulated", clock(summary.simulated_s)],
@@ -132,11 +115,11 @@ export function endCards(run, { summary, scenario, versions }) {
   const card = (title, ...more) => make("section", { class: "card" }, make("h2", {}, title), ...more);
   const note = (words) => make("p", { class: "small" }, words);
   return [
-    card("What came out", factTable(facts)),
+    card("What came out", factRow(facts)),
     card("Robots", robotTable(run, summary)),
     card("Bytes", note("Charged bytes, the modem's overhead included."), bytesTable(run)),
-    card("Links", note("Frames heard, from the robot of the row to that of the column."), linkTable(run)),
-    make("details", { class: "card" }, make("summary", {}, "The scenario, complete"), make("pre", { tabindex: "0" }, scenario)),
+    links,
+    make("details", { class: "card" }, make("summary", {}, "The scenario, complete"), note("The run's folder has it as scenario.toml; run that, and the same files come out."), make("pre", { tabindex: "0" }, scenario)),
     make("details", { class: "card" }, make("summary", {}, "Versions"), factTable(Object.entries(versions))),
   ];
 }
