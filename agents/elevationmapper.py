@@ -10,7 +10,7 @@ import numpy as np
 from agents.geometry import Bools, Floats, Pose, Singles
 from agents.ground.stands import Stands
 from agents.mapper import Expected, NextLook
-from agents.maps.elevation import UNIFORM, relief_sigma_m
+from agents.maps.elevation import UNIFORM
 from agents.maps.elevationlook import bin_look
 from agents.planning.information import Interest
 from agents.planning.strategies import View, strategy
@@ -38,12 +38,16 @@ class ElevationMapper:
         """Serve a robot."""
         self.robot = robot
         self.settings = robot.settings
+        self.relocated()
+        self.stands = Stands(self.settings.frame, self.settings.sensor)
+
+    def relocated(self) -> None:
+        """Begin with nothing planned, expected in vain or asked."""
         self.strategy = strategy(self.settings.method)
         self.interest = Interest(self.settings.frame.shape, self.settings.planner.beta)
         self.barred: tuple[tuple[float, float, float], ...] = ()
         self.asked = np.zeros(self.settings.frame.shape)
         """For how many looks a cell kept a team-mate's way down from being safe."""
-        self.stands = Stands(self.settings.frame, self.settings.sensor)
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
@@ -51,6 +55,11 @@ class ElevationMapper:
         planner = self.settings.planner
         pans = np.linspace(0.0, 2 * math.pi, planner.first_looks, endpoint=False)
         return tuple((float(pan), math.radians(planner.first_tilt_deg)) for pan in pans)
+
+    @property
+    def all_round(self) -> tuple[tuple[float, float], ...]:
+        """The same."""
+        return self.first_looks
 
     async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
         """Return Eq. 5 in the field of view, times the chance that a ray falls on a cell."""
@@ -80,7 +89,7 @@ class ElevationMapper:
         robot = self.robot
         exposure = self._without_mates(exposure)
         index, submap = robot.current_submap()
-        known_before = robot.team.fused().known
+        known_before = robot.charted().known
         drawn_at, beyond = robot.placing()
         cells = await asyncio.to_thread(
             bin_look,
@@ -124,24 +133,25 @@ class ElevationMapper:
     def view(self) -> View:
         """Return what the planner sees: the team map and where everybody is."""
         robot = self.robot
-        fused = robot.team.fused()
+        fused = robot.charted()
+        others = [
+            *(mate.status.pose for _, mate in sorted(robot.mates.items()) if is_located(mate)),
+            *(landmark.pose for landmark in self.settings.landmarks),
+        ]
         return View(
             frame=self.settings.frame,
             elevation_m=fused.elevation_m,
-            sigma_m=relief_sigma_m(robot.team),
+            sigma_m=np.sqrt(robot.charted(relative=True).variance_m2),
             looks=fused.looks.astype(np.int64),
             interest=self.interest.share,
             pose=robot.pose,
             pose_sigma_m=robot.filter.sigma_m,
-            others=[
-                *(mate.status.pose for _, mate in sorted(robot.mates.items()) if is_located(mate)),
-                *(landmark.pose for landmark in self.settings.landmarks),
-            ],
+            others=others if robot.located else [],
             sensor=self.settings.sensor,
             drive=self.settings.drive,
             planner=self.settings.planner,
-            claims=robot.interest.regions(wished=False),
-            wishes=tuple(robot.interest.regions(wished=True)),
+            claims=robot.interest.regions(wished=False) if robot.located else [],
+            wishes=tuple(robot.interest.regions(wished=True)) if robot.located else (),
             barred=self.barred,
             trail_m=np.array(robot.trail),
         )

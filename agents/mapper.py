@@ -40,6 +40,11 @@ class Mapper(Protocol):
         """Pans and tilts, from ahead, of the looks that are taken before anything is chosen."""
         ...
 
+    @property
+    def all_round(self) -> tuple[tuple[float, float], ...]:
+        """Pans and tilts, from ahead, of looks that leave out no direction."""
+        ...
+
     async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
         """Return what a look from here is expected to measure."""
         ...
@@ -54,6 +59,10 @@ class Mapper(Protocol):
 
     async def choose(self) -> NextLook | None:
         """Return the next look, or None when no look is worth taking."""
+        ...
+
+    def relocated(self) -> None:
+        """Forget what was planned in the frame of its own that the robot had until now."""
         ...
 
     def halted(self) -> float | None:

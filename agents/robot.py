@@ -5,6 +5,7 @@ localise, fuse, share, plan, move. The robot reaches its body through `agents.po
 team-mates through its radio, and time through asyncio; there is nothing else.
 """
 
+import asyncio
 import math
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +17,7 @@ from agents.disk import Disk
 from agents.elevationmapper import ElevationMapper
 from agents.fusion import compose, stand_of_seer
 from agents.geometry import Floats, Pose, wrap_angle
+from agents.joining import Joined, Joiner, own_estimate, placed
 from agents.layers import Mask
 from agents.mapper import Expected, Mapper, NextLook
 from agents.member import LEG_M, Member
@@ -34,8 +36,8 @@ TRAIL_POINTS = 64
 
 MAPPERS: dict[str, Callable[["Robot"], Mapper]] = {
     "elevation": ElevationMapper,
-    "planar": lambda robot: OccupancyMapper(robot, PlanarSense(robot.settings)),
-    "voxel": lambda robot: OccupancyMapper(robot, VoxelSense(robot.settings)),
+    "planar": lambda robot: OccupancyMapper(robot, PlanarSense),
+    "voxel": lambda robot: OccupancyMapper(robot, VoxelSense),
 }
 """By kind of map."""
 
@@ -55,6 +57,7 @@ class Robot(Member):
         super().__init__(settings, hardware, disk, log)
         self.rng = rng
         self.mapper: Mapper = MAPPERS[settings.map.kind](self)
+        self.joiner = Joiner()
         self.looks = 0
         self.plan: NextLook | None = None
         """The look that it is about to take."""
@@ -101,7 +104,48 @@ class Robot(Member):
         await self.mapper.localise(exposure)
         await self.mapper.fuse(exposure, expected)
         self.looks += 1
+        await self.join()
         await self.save()
+
+    def charted(self, *, relative: bool = False) -> Any:
+        """Return the map that it plans on: the team's, or its own while it is lost.
+
+        `relative`: each place against its neighbours (`TeamMap.relative`).
+        """
+        if not self.located and self.own.submaps:
+            return own_estimate(self.team.kind, self.own, self.filter)
+        return self.team.relative() if relative else self.team.fused()
+
+    async def join(self) -> None:
+        """Find the own map on the team's, if this robot does not know where it is, and it is due.
+
+        What the team's anchors are unsure of, all of the team's map may be wrong by.
+        """
+        if self.located:
+            return
+        team = self.team.relative()
+        cells = int(team.known.sum())
+        if not self.joiner.is_due(self.looks, self.own.known_cells(), cells):
+            return
+        own = own_estimate(self.team.kind, self.own, self.filter)
+        found = await asyncio.to_thread(placed, own, team, self.settings.frame)
+        if self.located:
+            return  # somebody told it meanwhile
+        if isinstance(found, Joined):
+            x_m, y_m = (float(v) for v in found.middle_m)
+            unsure = self.team.placing((x_m, y_m), self.settings.sensor.range_m)
+            pose, covariance = found.unsure_by(unsure).stand(self.pose)
+            self.settle(pose, covariance, f"matched its map: {found.told}")
+        elif found.why != self.joiner.said:
+            self.joiner.said = found.why
+            self.log.event("not joined", found.why)
+
+    def settle(self, pose: Pose, covariance: Floats, by: str) -> None:
+        """See `Teller.settle`; what was planned and remembered in its own frame is let go."""
+        super().settle(pose, covariance, by)
+        self.mapper.relocated()
+        self.plan, self.claim = None, None
+        self.trail = [(self.pose.x_m, self.pose.y_m)]
 
     def localise(self, exposure: Exposure) -> None:
         """Take bearings on what stands still, and tell those where they are who don't know."""
@@ -209,8 +253,9 @@ class Robot(Member):
         if plan is None:
             self.claim = None
             return None
-        self.claim = plan.claim
-        self.tell_status()
+        if self.located:
+            self.claim = plan.claim
+            self.tell_status()
         return plan
 
     def wish_to_know(self, goal_m: tuple[float, float]) -> None:
@@ -244,7 +289,9 @@ class Robot(Member):
         assert body is not None
         if self.watch is not None:
             await self.watch.begin(turn_rad, self.filter)
+        self.stands_since_s = math.inf
         odometry = await body.drive(turn_rad, forward_m)
+        self.stands_since_s = self.now_s
         self.filter.predict(odometry)
         if self.watch is not None:
             await self.watch.end(odometry, self.filter)

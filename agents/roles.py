@@ -60,7 +60,7 @@ async def explore(robot: Robot) -> None:
 async def take_look(robot: Robot, plan: NextLook) -> None:
     """Go where a look is to be taken from, and take it; or from where the way ended."""
     arrived = await robot.travel(plan.path_m)
-    if robot.is_lost:
+    if robot.located and robot.is_lost:
         await take_bearing(robot)
     ahead_rad = None if arrived else robot.mapper.halted()
     pan_rad = wrap_angle(plan.heading_rad - robot.pose.yaw_rad)
@@ -78,22 +78,30 @@ async def follow(robot: Robot) -> None:
 
 
 async def search(robot: Robot) -> None:
-    """Look round until a landmark or a team-mate tells a lost robot where it is.
+    """Look round until a landmark, a team-mate or its own map tells a lost robot where it is.
 
-    It stays where it is, for a team-mate that sees it may tell it too.
+    What it sees from where it stands may be on nobody's map: so it maps on, in a frame of its own.
+    When that shows it nothing more it waits, for a team-mate that sees it may tell it too, or the
+    team's map may come to where it is.
     """
     if robot.located:
         return
     robot.set_activity("searching")
     robot.log.event("lost", "it does not know where it starts; nobody takes in its map")
-    rounds = 0
+    rounds, most = 0, robot.settings.planner.max_looks
     while not robot.located:
-        for pan_rad, tilt_rad in robot.mapper.first_looks:
+        for pan_rad, tilt_rad in robot.mapper.all_round:
             if rounds < SEARCH_ROUNDS and not robot.located:
                 await robot.look(wrap_angle(pan_rad), tilt_rad)
         rounds += 1
+        while not robot.located and robot.looks < most:
+            plan = await robot.choose_look()
+            if plan is None:
+                break
+            await take_look(robot, plan)
         if not robot.located:
             await asyncio.sleep(SEARCH_S)
+            await robot.join()
 
 
 async def next_look(robot: Robot) -> NextLook | None:

@@ -7,10 +7,14 @@ the codec's error bound. What that means for a cell is its kind's affair (`agent
 tiles are laid, `agents.patchwork`'s.
 """
 
+import math
 from collections.abc import Iterable
 from functools import partial, reduce
 from typing import Generic
 
+import numpy as np
+
+from agents.geometry import Floats
 from agents.layers import OwnLayer
 from agents.maps.kind import E, MapKind, Mask, S
 from agents.patchwork import Laid, Patchwork, Sheet, whole_drawing
@@ -174,6 +178,28 @@ class TeamMap(Generic[S, E]):
         self._draw()
         tiles = self._drawn.get(AnchorKey(*origin, submap), {})
         return whole_drawing(self.kind, self.grid, tiles.get).known
+
+    def placing(self, xy_m: tuple[float, float], reach_m: float) -> Floats:
+        """Return how unsure (4,) the place of what was heard round a point is, by its anchors.
+
+        Variances of (x, y, z, yaw) there, by the cells that each submap has on tiles in reach. All
+        may err alike: so no more is told of it than their mean.
+        """
+        total, cells = np.zeros(4), 0
+        for key, known in sorted(self._known_cells.items()):
+            anchor = self.store.anchors.get(key)
+            if key[:2] == self.me or anchor is None or not anchor.is_located:
+                continue
+            near = sum(
+                count
+                for tile, count in sorted(known.items())
+                if math.dist(self.grid.centre_m(tile), xy_m) < reach_m
+            )
+            x, y, z, yaw = anchor.variance
+            dx, dy = xy_m[0] - anchor.corrected.x_m, xy_m[1] - anchor.corrected.y_m
+            total += near * np.array((x + dy * dy * yaw, y + dx * dx * yaw, z, yaw))
+            cells += near
+        return total / max(cells, 1)
 
     def _sheets(self, *, own_as_sent: bool) -> list[Sheet[E]]:
         """Return all submaps that can be laid, by origin, oldest first.

@@ -132,6 +132,51 @@ def test_nobody_takes_in_the_map_of_a_lost_robot_until_an_anchor_comes(tmp_path)
     assert found.elevation_m[found.known] == pytest.approx(3.0, abs=0.1)
 
 
+def test_a_lost_robot_is_not_told_where_it_was_before_it_moved_on(tmp_path):
+    robot = lost_robot(tmp_path)
+    robot.stands_since_s = 50.0
+
+    def told(t_s):
+        fix = Fix(0, t_s, Pose(14.0, 3.0, 2.0, 0.0), (1e-4, 1e-4, 1e-4, 1e-6))
+        hear(robot, Kind.FIX, pack_fix(fix), sender=1, t_s=60.0, seq=round(t_s))
+
+    told(49.0)
+    assert not robot.located
+    told(51.0)
+    assert robot.located
+
+
+def test_what_was_mapped_while_lost_lies_by_the_filter_in_a_frame_of_its_own(tmp_path):
+    robot = lost_robot(tmp_path)
+    before = robot.charted()
+    assert np.count_nonzero(before.known) == 40
+    assert robot.charted(relative=True).elevation_m[before.known] == pytest.approx(1.0)
+    robot.filter.fix(Pose(17.0, 1.0, 0.5, 0.0), np.diag([1e-6] * 4))
+    assert robot.charted().known.sum() == 40
+    assert not robot.team.fused().known.any()
+
+
+def test_how_unsure_a_place_of_the_teams_map_is_by_the_anchors_round_it(tmp_path):
+    robot, mate = robot_on(tmp_path / "a", index=1), robot_on(tmp_path / "b", index=0)
+    mate.filter = type(mate.filter)(mate.pose, np.diag([0.04, 0.01, 0.0025, 1e-4]))
+    mate.begin_submap()
+    measure(mate, look_at_floor())
+    chunks = say(mate, 30)
+    assert chunks
+    for chunk in chunks:
+        robot.store.offer(chunk)
+        robot.team.tile_changed(chunk.key)
+    for key, anchor in mate.store.anchors.items():
+        robot.store.offer_anchor(key, anchor)
+    robot.team.relative()
+    here = mate.own.submaps[0].anchor.corrected
+    x, y, z, yaw = robot.team.placing((here.x_m, here.y_m), 100.0)
+    assert (x, y, z, yaw) == pytest.approx((0.04, 0.01, 0.0025, 1e-4), rel=0.2)
+    farther = robot.team.placing((here.x_m, here.y_m + 10.0), 100.0)
+    assert farther[0] == pytest.approx(0.04 + 100 * 1e-4, rel=0.2)
+    assert robot.team.placing((here.x_m, here.y_m), 0.0).tolist() == [0.0] * 4
+
+
 def test_a_robot_that_restarts_lost_is_still_lost(tmp_path):
     robot = lost_robot(tmp_path)
     robot.disk.save_layer(robot._layer_content())

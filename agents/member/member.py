@@ -36,6 +36,8 @@ class Member(Teller):
         """Put a member together; on a disk that holds a former life (`Disk.begin`), take it up."""
         super().__init__(settings, hardware, disk, log)
         self.inbox = Inbox()
+        self.stands_since_s = 0.0
+        """Since when it has not moved; inf while it moves."""
         self._lives: dict[int, int] = {}
         """Incarnation last heard, by robot."""
 
@@ -93,7 +95,8 @@ class Member(Teller):
         if self.located:
             self.filter.fix(fix.pose, covariance, gate=GATE)
             self.correct_anchors()
-        elif max(fix.variance[:2]) < UNLOCATED_M2:
+        elif max(fix.variance[:2]) < UNLOCATED_M2 and fix.t_s >= self.stands_since_s:
+            # Where it was seen before it moved on says nothing of where it is.
             self.settle(fix.pose, covariance, f"seen by {sender}")
 
     def _take_map(self, payload: bytes, heard: Heard) -> None:

@@ -4,10 +4,12 @@ On a floor and in space it goes about it alike; how it sees and plans there is i
 """
 
 import asyncio
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from agents.briefing import AgentSettings
 from agents.fusion import offset_between, rotate_covariance
 from agents.geometry import Pose, wrap_angle
 from agents.layers import Mask
@@ -31,6 +33,11 @@ class Sense(Protocol):
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
         """Pans and tilts, from ahead, of the looks that are taken before anything is chosen."""
+        ...
+
+    @property
+    def all_round(self) -> tuple[tuple[float, float], ...]:
+        """Pans and tilts, from ahead, of looks that leave out no direction."""
         ...
 
     def view(self, fused: Any, situation: Situation) -> Any:
@@ -76,15 +83,25 @@ class Sense(Protocol):
 class OccupancyMapper:
     """`agents.mapper.Mapper` of occupancy maps."""
 
-    def __init__(self, robot: "Robot", sense: Sense) -> None:
-        """Serve a robot."""
+    def __init__(self, robot: "Robot", sense: Callable[[AgentSettings], Sense]) -> None:
+        """Serve a robot by its seeing and planning, as `sense` makes them."""
         self.robot = robot
-        self.sense = sense
+        self._make = sense
+        self.relocated()
+
+    def relocated(self) -> None:
+        """Begin with nothing planned or remembered of places."""
+        self.sense = self._make(self.robot.settings)
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
         """See `Sense.first_looks`."""
         return self.sense.first_looks
+
+    @property
+    def all_round(self) -> tuple[tuple[float, float], ...]:
+        """See `Sense.all_round`."""
+        return self.sense.all_round
 
     async def expect(self, pan_rad: float, tilt_rad: float) -> Expected:
         """Return the cells that the look's rays reach on the map as it is."""
@@ -116,7 +133,7 @@ class OccupancyMapper:
         """Add one look's log-odds to the own layer."""
         robot = self.robot
         index, submap = robot.current_submap()
-        known_before = robot.team.fused().known
+        known_before = robot.charted().known
         drawn_at, beyond = robot.placing()
         camera = panned(drawn_at, exposure.pan_rad)
         look, measured = self.sense.measured(exposure, camera, beyond)
@@ -129,19 +146,23 @@ class OccupancyMapper:
             measured=measured,
             new=measured & ~known_before,
         )
-        self.sense.fused(robot.team.fused())
+        self.sense.fused(robot.charted())
 
     def view(self) -> Any:
-        """Return what the planner sees: the team map and where everybody is."""
+        """Return what the planner sees: the team map and where everybody is.
+
+        Of a robot that does not know where it is, its own map and nobody.
+        """
         robot = self.robot
+        mates = sorted(robot.mates.items()) if robot.located else []
         x, y, z, yaw = (float(v) for v in np.diag(robot.filter.covariance))
         situation = Situation(
             pose=robot.pose,
-            others=tuple(mate.status.pose for _, mate in sorted(robot.mates.items())),
-            claims=tuple(robot.interest.regions(wished=False)),
+            others=tuple(mate.status.pose for _, mate in mates),
+            claims=tuple(robot.interest.regions(wished=False)) if robot.located else (),
             variance=(x, y, z, yaw),
         )
-        return self.sense.view(robot.team.fused(), situation)
+        return self.sense.view(robot.charted(), situation)
 
     async def choose(self) -> NextLook | None:
         """Choose the next look, by the method that is set."""

@@ -32,6 +32,12 @@ class PlanarSense:
         """One look ahead: from there on every look is chosen."""
         return ((0.0, 0.0),)
 
+    @property
+    def all_round(self) -> tuple[tuple[float, float], ...]:
+        """As many looks as it takes fields of view to close the circle."""
+        count = math.ceil(360.0 / self.settings.sensor.fov_deg)
+        return tuple((2.0 * math.pi * n / count, 0.0) for n in range(count))
+
     def view(self, fused: Occupancy, situation: Situation) -> PlanarView:
         """Return the whole floor."""
         return PlanarView(self.settings.frame, fused.log_odds, fused.mapped, **vars(situation))

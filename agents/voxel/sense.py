@@ -51,6 +51,11 @@ class VoxelSense:
         tilt_rad = math.radians(planner.tilts_deg[0])
         return tuple((2.0 * math.pi * n / count, tilt_rad) for n in range(count))
 
+    @property
+    def all_round(self) -> tuple[tuple[float, float], ...]:
+        """The same."""
+        return self.first_looks
+
     def view(self, fused: VoxelOccupancy, situation: Situation) -> VoxelView:
         """Return all of space."""
         return VoxelView(self.frame, fused, self._interest, self._stood, **vars(situation))

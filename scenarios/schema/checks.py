@@ -112,8 +112,8 @@ def _places(scenario: "Scenario") -> list[Conflict]:
         if robot.start_known:
             continue
         key = f"robots.{name}.start_known"
-        if robot.role not in MAPPERS or scenario.map.kind == "planar":
-            sentence = f"only {' and '.join(MAPPERS)} on rough ground can look where they are"
+        if robot.role not in MAPPERS:
+            sentence = f"only {' and '.join(MAPPERS)} can look where they are"
             conflicts.append(Conflict(key, False, sentence))
         elif name == mappers[0]:
             sentence = "is the team's origin: by definition it knows where it starts"

@@ -22,8 +22,8 @@ class RobotSettings(Settings):
     start: tuple[float, float, float] | None = None
     """x, y (m, world frame) and yaw (degrees, counter-clockwise from east); left out: placed."""
     start_known: bool = True
-    """Whether it knows where it starts. One that does not looks for a landmark or a team-mate, and
-    nobody takes in its map before."""
+    """Whether it knows where it starts. One that does not looks for a landmark, a team-mate, or its
+    own map on the team's, and nobody takes in its map before."""
     join_s: Annotated[float, Field(ge=0)] | None = None
     """When it starts; left out: with the others."""
     recording: RecordingSettings | None = None
