@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from agents.geometry import Bools, Floats, GridFrame, Ints, Pose
-from agents.ground.descent import descent_cost
+from agents.ground.descent import barred, descent_cost
 from agents.ground.paths import path_to, straight_legs, travel_field
 from agents.ground.surface import CLEARANCE_M
 from agents.layers import Anchor
@@ -93,14 +93,16 @@ def maps(
 def costs(submap: Submap, drive: DriveSettings, cell_m: float) -> Floats:
     """Return what a metre costs the Cliff-bot on a map."""
     elevation_m, variance = submap.estimate((slice(None), slice(None)))
-    return descent_cost(
+    footprint_m = drive.footprint_m + 2 * CLEARANCE_M
+    bars = barred(
         elevation_m,
         np.sqrt(variance),
         cell_m=cell_m,
-        footprint_m=drive.footprint_m + 2 * CLEARANCE_M,
+        footprint_m=footprint_m,
         wheel_m=drive.wheel_m,
         climb_m=drive.climb_m,
     )
+    return descent_cost(bars, cell_m=cell_m, footprint_m=footprint_m)
 
 
 def held_against(

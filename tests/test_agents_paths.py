@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.ground.descent import descent_cost
+from agents.ground.descent import barred, descent_cost
 from agents.ground.paths import (
     PathError,
     length_m,
@@ -134,7 +134,8 @@ def slope(degrees, n=80):
 
 
 def cost_of(z, sigma=0.01):
-    return descent_cost(z, np.full(z.shape, sigma), **SIZES)
+    bars = barred(z, np.full(z.shape, sigma), **SIZES)
+    return descent_cost(bars, cell_m=SIZES["cell_m"], footprint_m=SIZES["footprint_m"])
 
 
 def test_a_steep_smooth_face_is_open_ground_on_tethers():

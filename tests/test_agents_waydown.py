@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.geometry import Floats, GridFrame, Pose
-from agents.ground.descent import LEAST_ODDS, UNKNOWN_ODDS, descent_cost, rock_odds
+from agents.ground.descent import LEAST_ODDS, UNKNOWN_ODDS, barred, descent_cost, rock_odds
 from agents.ground.surface import CLEARANCE_M
 from agents.planning.waydown import (
     GOAL_M,
@@ -213,14 +213,16 @@ def test_the_quick_look_at_what_was_seen_hides_no_way(seed: int, share: float) -
     if safe_path(FRAME, DRIVE, elevation_m, SHARP, STAND, GOAL) is not None:
         return
     filled, sigma_m = with_stand(FRAME, DRIVE, elevation_m, SHARP, STAND)
-    cost = descent_cost(
+    footprint_m = DRIVE.footprint_m + 2 * CLEARANCE_M
+    bars = barred(
         filled,
         sigma_m,
         cell_m=CELL_M,
-        footprint_m=DRIVE.footprint_m + 2 * CLEARANCE_M,
+        footprint_m=footprint_m,
         wheel_m=DRIVE.wheel_m,
         climb_m=DRIVE.climb_m,
     )
+    cost = descent_cost(bars, cell_m=CELL_M, footprint_m=footprint_m)
     row, col = FRAME.cell_of(STAND.x_m, STAND.y_m)
     may = np.isfinite(cost) | within(FRAME, (STAND.x_m, STAND.y_m), STAND_M)
     reached = np.zeros(SHAPE, dtype=bool)

@@ -77,33 +77,10 @@ def barred(
     wheel_m: float,
     climb_m: float,
 ) -> Barred:
-    """Return what bars the way; arguments as of `descent_cost`. At least one cell is known."""
-    known = ~np.isnan(elevation_m)
-    calm = surface.smoothed(markov.complete(elevation_m))
-    sigma = np.where(known, sigma_m, 0.0)
-    odds = rock_odds(surface.standing_out(calm, wheel_m, footprint_m, cell_m), sigma, climb_m)
-    # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
-    blurred = known & (surface.mean_over(sigma, 3) > SURE * wheel_m)
-    unseen = markov.distance_to_known_m(known, cell_m) > wheel_m
-    return Barred(odds > ROCK, unseen, blurred, odds)
+    """Return what bars the way of a robot on tethers; a steep smooth face does not.
 
-
-def descent_cost(
-    elevation_m: Floats,
-    sigma_m: Floats,
-    *,
-    cell_m: float,
-    footprint_m: float,
-    wheel_m: float,
-    climb_m: float,
-) -> Floats:
-    """Return what a metre costs a robot on tethers (H, W): 1 on open ground, inf where it may not.
-
-    A steep smooth face is allowed. Forbidden is whatever is nearer than half a footprint to rocks
-    and ledges, to cells unknown farther than one wheel from measured ground, and to ground whose
-    sigma exceeds 0.9 of a wheel (rocks must be seen); up to one footprint farther the cost rises
-    towards it (by up to 3). All ground costs `RISK_WEIGHT` more for each cell with a rock that a
-    metre on it is expected to meet.
+    Barred are rocks and ledges, cells unknown farther than one wheel from measured ground, and
+    ground whose sigma exceeds 0.9 of a wheel (rocks must be seen).
 
     Args:
         elevation_m: (H, W), NaN where unknown.
@@ -113,16 +90,26 @@ def descent_cost(
         wheel_m: diameter of a wheel.
         climb_m: highest rock or step that it climbs.
     """
-    if np.isnan(elevation_m).all():
-        return np.full(elevation_m.shape, np.inf)
-    bars = barred(
-        elevation_m,
-        sigma_m,
-        cell_m=cell_m,
-        footprint_m=footprint_m,
-        wheel_m=wheel_m,
-        climb_m=climb_m,
-    )
+    known = ~np.isnan(elevation_m)
+    if not known.any():
+        nothing = np.zeros(known.shape, dtype=np.bool_)
+        return Barred(nothing, ~known, nothing, np.full(known.shape, UNKNOWN_ODDS))
+    calm = surface.smoothed(markov.complete(elevation_m))
+    sigma = np.where(known, sigma_m, 0.0)
+    odds = rock_odds(surface.standing_out(calm, wheel_m, footprint_m, cell_m), sigma, climb_m)
+    # A single unsure cell hides no rock that matters; what is unsure with its neighbours may.
+    blurred = known & (surface.mean_over(sigma, 3) > SURE * wheel_m)
+    unseen = markov.distance_to_known_m(known, cell_m) > wheel_m
+    return Barred(odds > ROCK, unseen, blurred, odds)
+
+
+def descent_cost(bars: Barred, *, cell_m: float, footprint_m: float) -> Floats:
+    """Return what a metre costs a robot on tethers (H, W): 1 on open ground, inf where it may not.
+
+    Forbidden is whatever is nearer than half a footprint to what is barred; up to one footprint
+    farther the cost rises towards it (by up to 3). All ground costs `RISK_WEIGHT` more for each
+    cell with a rock that a metre on it is expected to meet.
+    """
     gap_m = markov.distance_to_known_m(bars.any, cell_m) - 0.5 * footprint_m
     nearness = np.clip(1.0 - gap_m / footprint_m, 0.0, 1.0)
     risk = RISK_WEIGHT * met_per_metre(bars.odds, footprint_m, cell_m)

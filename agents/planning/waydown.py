@@ -139,15 +139,16 @@ def least_risky(
     if not _may_lead(relief, drive, stand_m, goal_m):
         return None
     sizes, joined = _sizes(relief.frame, drive), relief.frame
-    cost = descent.descent_cost(relief.elevation_m, relief.sigma_m, **sizes)
+    bars = descent.barred(relief.elevation_m, relief.sigma_m, **sizes)
+    footprint_m = sizes["footprint_m"]
+    cost = descent.descent_cost(bars, cell_m=joined.cell_m, footprint_m=footprint_m)
     path_m = _way(joined, cost, stand_m, goal_m)
     if path_m is None:
         return None
-    odds = descent.barred(relief.elevation_m, relief.sigma_m, **sizes).odds
-    reach = surface.disc(0.5 * sizes["footprint_m"] / joined.cell_m)
+    reach = surface.disc(0.5 * footprint_m / joined.cell_m)
     swept = cv2.dilate(_on(joined, path_m).astype(np.uint8), reach) > 0
     swept &= ~within(joined, stand_m, drive.footprint_m / 2 + STAND_M)
-    return Way(path_m, float(odds[swept].sum()))
+    return Way(path_m, float(bars.odds[swept].sum()))
 
 
 def hopeful(
@@ -278,7 +279,7 @@ def _sizes(frame: GridFrame, drive: DriveSettings) -> dict[str, float]:
 def _may_lead(relief: Relief, drive: DriveSettings, stand_m: Point, goal_m: Point) -> bool:
     """Say whether seen ground joins the two at all: where it does not, nothing else need be asked.
 
-    It is the cheapest part of `descent_cost`, and bars no more than that does.
+    It is the cheapest part of `descent.barred`, and bars no more than that does.
     """
     frame, known = relief.frame, ~np.isnan(relief.elevation_m)
     start = frame.cell_of(*stand_m)
