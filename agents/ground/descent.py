@@ -18,7 +18,7 @@ SURE = 0.9
 ODDS = (0.4, 5.1, -1.0)
 """The logit of the odds that a cell holds a rock or a step too high to climb: a constant, and what
 the logarithms of height and of sigma add, both as shares of the highest that it climbs. Fitted to
-what the Cliff-bot was told in 17 missions on both sensors (docs/vision.md)."""
+what the Cliff-bot was told in 17 missions on both sensors (docs/information.md)."""
 LEAST_HEIGHT, LEAST_SIGMA = 0.02, 0.1
 """Below these shares the map tells nothing more."""
 LEAST_ODDS, UNKNOWN_ODDS = 1e-4, 0.016

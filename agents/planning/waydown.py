@@ -23,8 +23,8 @@ STAND_M = 0.25
 STAND_COST = 10.0
 """Cost of a metre at its own stand, where the map would forbid it."""
 MOST_RISK = 5.0
-"""A way is safe that is expected to meet no more cells with a rock (`Way.risk`). Of the ways that
-were planned by it on the maps of 17 missions none with less met any (docs/vision.md)."""
+"""A way is safe that is expected to meet no more cells with a rock (`Way.risk`). The sum is larger
+than what is met: one in six of ways up to a risk of nine met one (docs/information.md)."""
 LAST_RISK = 8.0
 """Likewise, where nobody will map any more."""
 UNSEEN_ODDS = 1e-3
