@@ -20,10 +20,6 @@ COMPARED = 1.46
 """Sigmas of one cell in a ledge's comparison of four cells: sqrt(2 + 2 / 16)."""
 CALM = 0.45
 """Share of white noise that a 1-2-1 mean leaves in such a comparison (0.375 and correlation)."""
-CALM_ROCK = 0.5625
-"""Share of its height that a 1-2-1 mean leaves of a rock of two by two cells."""
-
-
 LIKELY = 0.4
 """What stands out by this share of a wheel, and by half as many sigmas, is gone round if there is a
 way: a step one cell wide shows half its height in the means of its cells."""
@@ -94,12 +90,6 @@ class Roughness(NamedTuple):
     hazard: Bools
     likely: Bools
     """Of what stands out like this, a part is higher than the mean of its cells tells."""
-    doubt: Floats
-    """In [0, 1]: how nearly a cell is a hazard, noise taken at face value."""
-    raw_m: Floats
-    """Height of the rock or ledge at each cell, noise included."""
-    calm_m: Floats
-    """The same after a 1-2-1 mean, which lowers small rocks too."""
 
 
 def roughness(
@@ -129,7 +119,7 @@ def roughness(
         calm > np.maximum(limit_m, CALM_APART * CALM * noise_m)
     )
     likely = raw > np.maximum(LIKELY * wheel_m, 0.5 * RAW_APART * noise_m)
-    return Roughness(hazard, likely, np.minimum(1.0, calm / limit_m) ** 2, raw, calm)
+    return Roughness(hazard, likely)
 
 
 def standing_out(surface_m: Floats, wheel_m: float, footprint_m: float, cell_m: float) -> Floats:

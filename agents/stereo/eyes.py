@@ -25,7 +25,7 @@ from agents.stereo.tags import TagSearch, TagSighting, find_robots
 ROCKS = 0.3
 LEAST_ABOUT = 0.8
 """Points are left out about which less than this share of the pixels was matched. Of the points of
-three missions that lay more than four sigmas off, two in three were such."""
+a mission that lay more than four sigmas off, two in three were such."""
 MATE_RADIUS_M, MATE_TOP_M = 0.55, 2.2
 """Points this near to a sighted team-mate's axis, and up to this high, are its own: no ground."""
 
