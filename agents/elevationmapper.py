@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agents.briefing import ACTIVITIES
 from agents.geometry import Bools, Floats, Pose, Singles
 from agents.ground.stands import Stands
 from agents.mapper import Expected, NextLook
@@ -24,8 +25,13 @@ if TYPE_CHECKING:
     from agents.robot import Robot
 
 
-HOPES = 4
-"""So many ways down are asked about before it is taken that no look helps."""
+MOVING = ("exploring", "descending")
+"""What a team-mate that may have moved since it was heard says that it does."""
+TOLD_LATE_S, MOST_MOVED_M, MOST_UNSURE_M = 10.0, 1.0, 0.55
+"""So old may its word have been when it was heard; it has gone no farther, and is no less sure."""
+HOPES = 6
+"""So many ways down are asked about before it is taken that no look helps; those that no look could
+answer count the less the more there were."""
 LEAST_INTEREST = 0.05
 BARRED = 50
 """So many places where it came to a halt a robot remembers."""
@@ -47,7 +53,9 @@ class ElevationMapper:
         self.interest = Interest(self.settings.frame.shape, self.settings.planner.beta)
         self.barred: tuple[tuple[float, float, float], ...] = ()
         self.asked = np.zeros(self.settings.frame.shape)
-        """For how many looks a cell kept a team-mate's way down from being safe."""
+        """In how many looks a cell was expected that keeps a team-mate's way from being safe."""
+        self.open: Bools = np.zeros(self.settings.frame.shape, dtype=np.bool_)
+        """Those cells, as of when the last look was chosen."""
 
     @property
     def first_looks(self) -> tuple[tuple[float, float], ...]:
@@ -100,6 +108,7 @@ class ElevationMapper:
             extra_variance=beyond,
         )
         submap.observe(cells)
+        self.asked += self.open * expected.chances
         if self.settings.map.matching:
             self.stands.drew(submap, index, drawn_at, exposure, cells, robot.filter)
         drawn = np.zeros(self.settings.frame.shape, dtype=bool)
@@ -127,7 +136,11 @@ class ElevationMapper:
         for _, mate in sorted(robot.mates.items()):
             if is_located(mate):
                 sigma_m = math.sqrt(max(mate.status.variance[:2]) + robot.filter.sigma_m**2)
-                stands.append((mate.status.pose, sigma_m))
+                off_m = min(2.0 * sigma_m, MOST_UNSURE_M)
+                if ACTIVITIES[mate.status.activity] in MOVING:
+                    age_s = max(exposure.t_s - mate.heard_s, 0.0) + TOLD_LATE_S
+                    off_m += min(self.settings.drive.speed_mps * age_s, MOST_MOVED_M)
+                stands.append((mate.status.pose, off_m))
         return off_mates(exposure, robot.pose, stands)
 
     def view(self) -> View:
@@ -168,9 +181,9 @@ class ElevationMapper:
                 in_vain = TIRED * (1.0 / np.maximum(view.interest, LEAST_INTEREST) - 1.0)
                 down = Descent(mate.status.pose, goal_m, self.asked + in_vain)
                 ground = (view.frame, view.drive, view.elevation_m, self._sigma_as_heard(view))
-                questions = await asyncio.to_thread(open_questions, *ground, down)
-                self.asked += questions
-                return questions
+                self.open = await asyncio.to_thread(open_questions, *ground, down)
+                return self.open
+        self.open[:] = False
         return None
 
     def _pressing(self, questions: Bools) -> Floats:
@@ -190,7 +203,7 @@ class ElevationMapper:
     async def choose(self) -> NextLook | None:
         """Choose the next look (Eq. 23)."""
         view, plan = self.view(), None
-        for _ in range(HOPES):
+        for hope in range(HOPES):
             questions = await self._questions(view)
             asking = (
                 view if questions is None else replace(view, questions=self._pressing(questions))
@@ -198,7 +211,8 @@ class ElevationMapper:
             plan = await asyncio.to_thread(self.strategy.choose, asking, self.robot.rng)
             if plan is not None or questions is None or not questions.any():
                 break
-            self.asked += TIRED * questions  # no look can answer these: another way down may do
+            # No look can answer these: another way down may do.
+            self.asked += TIRED * 2.0**hope * questions
         if plan is None:
             return None
         heading_rad = plan.heading_rad

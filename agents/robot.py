@@ -268,23 +268,24 @@ class Robot(Member):
     async def travel(self, path_m: Floats) -> bool:
         """Drive along a path (N, 2) in the team frame; return whether its end was reached."""
         for x_m, y_m in path_m[1:]:
-            if not await self.drive_to(float(x_m), float(y_m)):
+            if await self.drive_to(float(x_m), float(y_m)):
                 return False
         return True
 
-    async def drive_to(self, x_m: float, y_m: float, leg_m: float = LEG_M) -> bool:
-        """Drive straight to a point, leg by leg; return False where the body halted."""
+    async def drive_to(self, x_m: float, y_m: float, leg_m: float = LEG_M) -> str:
+        """Drive straight to a point, leg by leg; return why the body halted, or nothing."""
         while True:
             dx, dy = x_m - self.pose.x_m, y_m - self.pose.y_m
             distance_m = math.hypot(dx, dy)
             if distance_m < 0.5 * self.settings.frame.cell_m:
-                return True
+                return ""
             turn_rad = wrap_angle(math.atan2(dy, dx) - self.pose.yaw_rad)
-            if not await self.drive(turn_rad, min(distance_m, leg_m)):
-                return False
+            halted = await self.drive(turn_rad, min(distance_m, leg_m))
+            if halted:
+                return halted
 
-    async def drive(self, turn_rad: float, forward_m: float) -> bool:
-        """Turn and drive; the pose follows. Return False where the body halted."""
+    async def drive(self, turn_rad: float, forward_m: float) -> str:
+        """Turn and drive; the pose follows. Return why the body halted, or nothing."""
         body = self.hardware.body
         assert body is not None
         if self.watch is not None:
@@ -298,7 +299,7 @@ class Robot(Member):
         self._trace()
         if odometry.halted:
             self.log.event("halted", odometry.halted)
-        return not odometry.halted
+        return odometry.halted
 
     def _trace(self) -> None:
         self.trail.append((self.pose.x_m, self.pose.y_m))

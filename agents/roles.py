@@ -13,26 +13,42 @@ from agents.mapper import NextLook
 from agents.maps.elevation import relief_sigma_m
 from agents.member import SILENT_S
 from agents.messages import TetherCommand, pack_tethers
-from agents.planning.waydown import LAST_RISK, MOST_RISK, Descent, hopeful, safe_path
+from agents.planning.waydown import (
+    CALM_RISK,
+    LAST_RISK,
+    MOST_RISK,
+    Descent,
+    Way,
+    hopeful,
+    least_risky,
+)
 from agents.robot import Robot
 from comms.frames import Kind
 
 STEP_M = 0.25
 """The Cliff-bot descends in steps of this: the tethers never hang slack by more."""
-SLACK_M = 0.05
-"""So much more tether than a step needs is asked for, and as much again, from then on, each time
-that it was taut all the same: so far off are the places of robot and anchors, as they are told."""
-MOST_SLACK_M = 0.4
+SLACK_M, MOST_SLACK_M = 0.05, 0.25
+"""So much more tether than a step needs is asked for, and as much again each time that it was taut
+all the same: so far off are the places of robot and anchors, as they are told. On much more it
+would slide."""
+EASED = 0.25
+"""A step that went well needs so much less of that the next time."""
+TAUT = "tether taut"
+"""What a body says that its tethers held back."""
 COMMAND_S = 2.0
 """Tether commands are repeated this often while they hold."""
 PATIENCE_S = 5.0
 """How often a robot that waits looks again."""
 ASK_AGAIN_S = 120.0
 """A robot for which nothing is left to gain asks again so often, if its map has changed."""
+UNSURE_M = 0.05
+"""A Cliff-bot that knows its place no better than this is looked at, to tell it."""
 SEARCH_S = 60.0
 """A lost robot that saw nothing known looks round again after so long."""
 SEARCH_ROUNDS = 20
 """It looks round so often; then it waits to be seen."""
+BETTER_S = 600.0
+"""For so long it waits for a better way than one that will do, the less so the longer."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
 TRIES = 20
@@ -50,6 +66,7 @@ async def explore(robot: Robot) -> None:
     most = robot.settings.planner.max_looks
     while robot.looks < most and (plan := await next_look(robot)) is not None:
         await take_look(robot, plan)
+        await look_after(robot)
     if robot.looks < most:
         robot.log.event("explored", f"after {robot.looks} looks no other look is worth its way")
     else:
@@ -141,6 +158,19 @@ async def take_bearing(robot: Robot) -> None:
             break
 
 
+async def look_after(robot: Robot) -> None:
+    """Look at the Cliff-bot where it goes down and is not sure of its place any more."""
+    cliffbot = _mate_with_role(robot, "cliffbot")
+    if cliffbot is None or robot.looks >= robot.settings.planner.max_looks:
+        return
+    status = robot.mates[cliffbot].status
+    distance_m, pan_rad, tilt_rad = robot.bearing_to(status.pose)
+    unsure = math.sqrt(max(status.variance[:2])) > UNSURE_M
+    going_down = ACTIVITIES[status.activity] == "descending"
+    if going_down and unsure and distance_m < robot.settings.sensor.range_m:
+        await robot.look(pan_rad, tilt_rad)
+
+
 async def watch(robot: Robot) -> None:
     """Keep an eye on the Cliff-bot while it goes down, and tell it where it is (section 2.1).
 
@@ -188,18 +218,30 @@ async def descend(robot: Robot) -> None:
 
 
 async def wait_for_path(robot: Robot, goal: tuple[float, float]) -> Floats | None:
-    """Return the first safe way to the goal that the map shows, or None if none will come."""
-    planned_s = -math.inf
+    """Return the first safe way to the goal that the map shows, or None if none will come.
+
+    The longer a way is known that will do, the less it waits for a better one.
+    """
+    planned_s, known_s = -math.inf, math.inf
+    way: Way | None = None
     while True:
         is_last = _nothing_more_to_come(robot)
         if is_last or planned_s < robot.map_changed_s:
             planned_s = robot.now_s
-            path_m = await find_path(robot, goal, LAST_RISK if is_last else MOST_RISK)
-            if path_m is not None:
-                return path_m
+            way = await find_way(robot, goal)
+            if way is not None and way.risk <= MOST_RISK:
+                known_s = min(known_s, planned_s)
+        if way is not None and way.risk <= (LAST_RISK if is_last else _may_risk(robot, known_s)):
+            return way.path_m
         if is_last:
             return None
         await asyncio.sleep(PATIENCE_S)
+
+
+def _may_risk(robot: Robot, known_s: float) -> float:
+    """Return how risky a way may be that is taken, where one that will do is known since then."""
+    waited = min(max(robot.now_s - known_s, 0.0) / BETTER_S, 1.0)
+    return CALM_RISK + waited * (MOST_RISK - CALM_RISK)
 
 
 async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Floats | None:
@@ -207,27 +249,30 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
 
     Where the newest map bars the way, it hangs on its tethers until the map shows another.
     """
-    failures, held = 0, 0
+    failures, held = 0, 0.0
     while math.dist((robot.pose.x_m, robot.pose.y_m), path_m[-1]) > robot.settings.map.cell_m:
         x_m, y_m = _step_along(path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
         slack_m = min(SLACK_M * (1 + held), MOST_SLACK_M)
         holder = asyncio.create_task(_hold_tethers(robot, x_m, y_m, slack_m))
         try:
-            arrived = await robot.drive_to(x_m, y_m, STEP_M)
+            halted = await robot.drive_to(x_m, y_m, STEP_M)
         finally:
             holder.cancel()
-        failures, held = (0, held) if arrived else (failures + 1, held + 1)
+        failures = failures + 1 if halted else 0
+        held = held + 1.0 if halted == TAUT else 0.0 if halted else max(held - EASED, 0.0)
         if failures > TRIES:
             return None
-        onward = await find_path(robot, goal, LAST_RISK)
-        if onward is None:
+        onward = await find_way(robot, goal, path_m)
+        if onward is None or onward.risk > LAST_RISK:
             robot.log.event("barred", "the newest map shows no safe way on from here")
             robot.set_activity("waiting")
-            onward = await wait_for_path(robot, goal)
-        if onward is None:
-            return None
+            other_m = await wait_for_path(robot, goal)
+            if other_m is None:
+                return None
+            path_m = other_m
+        else:
+            path_m = onward.path_m
         robot.set_activity("descending")
-        path_m = onward
     return path_m
 
 
@@ -264,13 +309,16 @@ ROLES: dict[str, Callable[[Robot], Coroutine[Any, Any, None]]] = {
 }
 
 
-async def find_path(
-    robot: Robot, goal: tuple[float, float], most_risk: float = MOST_RISK
-) -> Floats | None:
-    """Return a safe way (N, 2) to the goal by the newest map, or None where there is none."""
+async def find_way(
+    robot: Robot, goal: tuple[float, float], former_m: Floats | None = None
+) -> Way | None:
+    """Return the way to the goal that is best by the newest map, or None where there is none.
+
+    `former_m` (N, 2) is the way that it is on.
+    """
     settings, ground = robot.settings, _ground(robot)
     place = (settings.frame, settings.drive, *ground, robot.pose, goal)
-    return await asyncio.to_thread(safe_path, *place, most_risk=most_risk)
+    return await asyncio.to_thread(least_risky, *place, former_m=former_m)
 
 
 def why_not(robot: Robot, goal: tuple[float, float]) -> str:

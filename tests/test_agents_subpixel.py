@@ -128,21 +128,21 @@ def test_points_need_matched_pixels_about_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("away_m", "sigma_m", "kept"),
+    ("away_m", "off_m", "kept"),
     [
         (0.5 * MATE_RADIUS_M, 0.0, False),
         (1.1 * MATE_RADIUS_M, 0.0, True),
-        (1.1 * MATE_RADIUS_M, 0.1 * MATE_RADIUS_M, False),
-        (2.1 * MATE_RADIUS_M, 10.0, True),
+        (1.1 * MATE_RADIUS_M, 0.2 * MATE_RADIUS_M, False),
+        (1.3 * MATE_RADIUS_M, 0.2 * MATE_RADIUS_M, True),
     ],
 )
 def test_where_a_team_mate_says_that_it_stands_is_no_ground(
-    away_m: float, sigma_m: float, kept: bool
+    away_m: float, off_m: float, kept: bool
 ) -> None:
     """It stands 3 m north of a robot that looks north: straight ahead."""
     seen = np.array([[3.0 - away_m, 0.0, 0.1], [6.0, 0.0, 0.0], [3.0, 0.0, 2.9]])
     look = Exposure(1.0, 0.0, -0.3, seen, np.array([0.01, 0.02, 0.03]))
     mate = Pose(5.0, 8.0, 0.0, 0.0)
-    left = off_mates(look, Pose(5.0, 5.0, 0.0, math.pi / 2), [(mate, sigma_m)])
+    left = off_mates(look, Pose(5.0, 5.0, 0.0, math.pi / 2), [(mate, off_m)])
     assert len(left.points_m) == len(left.sigma_m) == 2 + kept
     assert left.sigma_m[-1] == 0.03, "what hangs over it is not its own"

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.geometry import Floats, GridFrame, Pose
-from agents.ground.descent import LEAST_ODDS, UNKNOWN_ODDS, barred, descent_cost, rock_odds
+from agents.ground.descent import barred, descent_cost
 from agents.ground.surface import CLEARANCE_M
 from agents.planning.waydown import (
+    CALM_RISK,
     GOAL_M,
-    MOST_RISK,
     STAND_M,
     Descent,
     hopeful,
@@ -130,35 +130,22 @@ def test_ground_under_the_wheels_goes_on_as_that_about_them() -> None:
     assert np.isnan(hole[50, 20])  # what was given is left as it was
 
 
+def test_what_the_map_shows_where_a_robot_stands_is_the_robot_itself() -> None:
+    fine = GridFrame(0.0, 0.0, 0.1, 120, 80)
+    seen = np.zeros(fine.shape)
+    seen[within(fine, (4.0, 10.0), 0.35)] = 0.9  # its body, in somebody's look
+    sharp = np.full(fine.shape, 0.02)
+    assert safe_path(fine, DRIVE, seen, sharp, STAND, GOAL) is not None
+    assert safe_path(fine, DRIVE, seen, sharp, replace(STAND, y_m=11.3), GOAL) is not None
+    seen[97:104] = 0.9  # a wall is one, whoever stands in it
+    assert safe_path(fine, DRIVE, seen, sharp, STAND, GOAL) is None
+
+
 def test_where_nothing_is_known_wheels_tell_their_own_height() -> None:
     nothing = np.full(SHAPE, np.nan)
     stand = replace(STAND, z_m=0.3)
     elevation_m, _ = with_stand(FRAME, DRIVE, nothing, np.full(SHAPE, np.inf), stand)
     assert np.nanmax(elevation_m) == np.nanmin(elevation_m) == pytest.approx(0.3)
-
-
-def test_the_odds_of_a_rock_by_hand() -> None:
-    """logit = 0.4 + 5.1 ln(height / climb) - ln(sigma / climb)."""
-    heights, sigmas = np.array([[0.15, 0.075, 0.15]]), np.array([[0.15, 0.15, 0.03]])
-    odds = rock_odds(heights, sigmas, 0.15)[0]
-    logits = (0.4, 0.4 + 5.1 * np.log(0.5), 0.4 - np.log(0.2))
-    assert odds == pytest.approx([1 / (1 + np.exp(-logit)) for logit in logits])
-    sharp, blind = (rock_odds(np.zeros((1, 1)), np.full((1, 1), s), 0.15)[0, 0] for s in (0, 0.4))
-    assert (sharp, blind) == (LEAST_ODDS, pytest.approx(LEAST_ODDS + UNKNOWN_ODDS))
-
-
-@settings(max_examples=30, deadline=None)
-@given(st.floats(0.0, 0.4), st.floats(1e-4, 0.3), st.floats(1.0, 3.0))
-def test_odds_rise_with_what_stands_out_and_fall_with_its_noise(
-    height_m: float, sigma_m: float, more: float
-) -> None:
-    def odds(h: float, s: float) -> float:
-        return float(rock_odds(np.full((1, 1), h), np.full((1, 1), s), 0.15)[0, 0])
-
-    assert 0 < odds(height_m, sigma_m) <= odds(more * height_m, sigma_m) < 1
-    if height_m > 0.1:  # what hides in noise is another matter: that rises with it
-        assert odds(height_m, more * sigma_m) <= odds(height_m, sigma_m)
-    assert odds(0.0, sigma_m) <= odds(0.0, more * sigma_m)
 
 
 def bumps(height_m: float) -> tuple[GridFrame, Floats, Floats]:
@@ -168,7 +155,7 @@ def bumps(height_m: float) -> tuple[GridFrame, Floats, Floats]:
     for row in range(52, 69, 8):
         for col in range(row % 3, 100, 6):
             ground[row : row + 2, col : col + 2] = height_m
-    return fine, ground, np.full(fine.shape, 0.02)
+    return fine, ground, np.full(fine.shape, 0.04)
 
 
 def test_a_way_goes_round_what_may_be_rocks_and_knows_its_risk() -> None:
@@ -199,7 +186,7 @@ def test_what_may_be_rocks_is_asked_about_where_the_best_way_is_too_risky() -> N
     way = least_risky(fine, DRIVE, ground, sigma, STAND, GOAL)
     assert way is not None
     asked = open_questions(fine, DRIVE, ground, sigma, descent)
-    assert asked.any() == (way.risk > MOST_RISK)
+    assert asked.any() == (way.risk > CALM_RISK)
 
 
 @settings(max_examples=25, deadline=None)

@@ -20,9 +20,9 @@ CLAIMED = 0.3
 """What a cell is still worth that a team-mate said it will look at."""
 WISHED = 3.0
 """How much more a cell is worth on ground that a team-mate waits to know."""
-ASKED = 12.0
+ASKED = 40.0
 """How much more it is worth where it keeps a team-mate's most hopeful way from being safe ..."""
-ALL_ASKED = 8.0
+ALL_ASKED = 40.0
 """... and all such cells together, in looks that are just worth taking."""
 RIM_STEP_M, RIM_MOST = 0.3, 80
 """Where a team-mate has questions, looks are also offered from the very rim of the ground that can

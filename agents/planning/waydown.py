@@ -22,17 +22,18 @@ STAND_M = 0.25
 """It stands where it stands, so one can stand there, and so far about it."""
 STAND_COST = 10.0
 """Cost of a metre at its own stand, where the map would forbid it."""
-MOST_RISK = 5.0
-"""A way is safe that is expected to meet no more cells with a rock (`Way.risk`). The sum is larger
-than what is met: one in six of ways up to a risk of nine met one (docs/information.md)."""
-LAST_RISK = 8.0
-"""Likewise, where nobody will map any more."""
+CALM_RISK, MOST_RISK, LAST_RISK = 0.5, 2.0, 3.0
+"""How many cells with a rock a way may be expected to meet (`Way.risk`) that is taken at once; that
+is taken when looking on has not shown a better one; and where nobody will map any more."""
+KEEP = 1.15
+"""Who is on a way keeps to it as long as that costs no more than this times the best one."""
 UNSEEN_ODDS = 1e-3
 """Odds of a rock on ground that nobody has seen, or not sharply, in a hopeful plan."""
 VAGUE_ODDS = 3e-3
 """What has greater odds of a rock than this is worth asking about,"""
-SHARP = 0.25
-"""unless it is a rock that was measured to this share of a wheel."""
+SHARP, SHARPEST = 0.25, 0.15
+"""unless it is a rock that was measured to the first share of a wheel, or anything measured to the
+second: it will not look otherwise."""
 LEAST_SIGMA_M = 1e-3
 TIRED = 6.0
 """After so many looks that were to show a place and did not, it costs twice as much."""
@@ -110,17 +111,7 @@ def safe_path(
     *,
     most_risk: float = MOST_RISK,
 ) -> Floats | None:
-    """Return a way (N, 2) over known and safe ground from a stand to a goal, or None.
-
-    Args:
-        frame: the map's grid.
-        drive: the robot's sizes.
-        elevation_m: (H, W), NaN where unknown.
-        sigma_m: (H, W) of each cell against the ground next to it.
-        stand: where it stands; what the map forbids there is allowed.
-        goal_m: where it is to go; it is enough to come within `GOAL_M`.
-        most_risk: a way that is expected to meet more cells with a rock is none.
-    """
+    """Return the way (N, 2) of `least_risky`, or None where it is expected to meet more rocks."""
     way = least_risky(frame, drive, elevation_m, sigma_m, stand, goal_m)
     return None if way is None or way.risk > most_risk else way.path_m
 
@@ -132,8 +123,21 @@ def least_risky(
     sigma_m: Floats,
     stand: Pose,
     goal_m: Point,
+    *,
+    former_m: Floats | None = None,
 ) -> Way | None:
-    """Return the way that weighs length against rocks best, or None; for `safe_path`."""
+    """Return the way over known ground that weighs length against rocks best, or None.
+
+    Args:
+        frame: the map's grid.
+        drive: the robot's sizes.
+        elevation_m: (H, W), NaN where unknown.
+        sigma_m: (H, W) of each cell against the ground next to it.
+        stand: where it stands; what the map forbids there is allowed.
+        goal_m: where it is to go; it is enough to come within `GOAL_M`.
+        former_m: (N, 2) the way that it is on: kept, unless another is better by more than maps
+            change from look to look.
+    """
     stand_m = (stand.x_m, stand.y_m)
     relief = relief_of(frame, drive, elevation_m, sigma_m, stand)
     if not _may_lead(relief, drive, stand_m, goal_m):
@@ -145,10 +149,15 @@ def least_risky(
     path_m = _way(joined, cost, stand_m, goal_m)
     if path_m is None:
         return None
-    reach = surface.disc(0.5 * footprint_m / joined.cell_m)
-    swept = cv2.dilate(_on(joined, path_m).astype(np.uint8), reach) > 0
-    swept &= ~within(joined, stand_m, drive.footprint_m / 2 + STAND_M)
-    return Way(path_m, float(bars.odds[swept].sum()))
+    if former_m is not None:
+        rest_m = _rest_of(former_m, stand_m)
+        may_cost = KEEP * _cost_along(joined, cost, path_m, stand_m)
+        if _cost_along(joined, cost, rest_m, stand_m) <= may_cost:
+            path_m = rest_m
+    beside_m = markov.distance_to_known_m(_on(joined, path_m), joined.cell_m)
+    met = bars.odds * descent.met_at(beside_m, footprint_m)
+    met[within(joined, stand_m, drive.footprint_m / 2 + STAND_M)] = 0.0
+    return Way(path_m, float(met.sum()))
 
 
 def hopeful(
@@ -176,6 +185,7 @@ def hopeful(
     sharp = relief.sigma_m <= SHARP * drive.wheel_m
     rock = seen & bars.rock & sharp
     vague = seen & ~rock & (bars.odds > VAGUE_ODDS)
+    vague &= relief.sigma_m > SHARPEST * drive.wheel_m
     return Hope(path_m, relief, bars.unseen & along, bars.blurred & along, rock, vague)
 
 
@@ -184,7 +194,7 @@ def open_questions(
 ) -> Bools:
     """Return the cells (H, W) at which to look so that somebody may go down; none if it may now."""
     ground = (frame, drive, elevation_m, sigma_m)
-    if safe_path(*ground, down.stand, down.goal_m) is None:
+    if safe_path(*ground, down.stand, down.goal_m, most_risk=CALM_RISK) is None:
         hope = hopeful(*ground, down)
         if hope is not None:
             asked = hope.unseen | hope.blurred | hope.vague
@@ -232,14 +242,16 @@ def with_stand(
 ) -> tuple[Floats, Floats]:
     """Return elevation and sigma with the ground under a robot's wheels known.
 
-    No camera sees the ground that a robot stands on, but it stands there. Its height is completed
-    from the ground about it: one height for all of it would be a terrace on a slope, with a step
-    all round that no wheel may take. Where nothing is known about it, it is the robot's own.
+    No camera sees the ground that a robot stands on, but it stands there: what the map shows within
+    its circle is the robot itself, or wrong. Its height is completed from the ground about it: one
+    height for all of it would be a terrace on a slope, with a step all round that no wheel may
+    take. Where nothing is known about it, it is the robot's own.
     """
-    under = within(frame, (stand.x_m, stand.y_m), 0.75 * drive.footprint_m)
-    unseen = under & np.isnan(elevation_m)
-    if not unseen.any():
+    away_m = distance_to(frame, (stand.x_m, stand.y_m))
+    under = away_m <= 0.75 * drive.footprint_m
+    if not under.any():
         return elevation_m, sigma_m
+    unseen = (under & np.isnan(elevation_m)) | (away_m <= 0.5 * drive.footprint_m)
     elevation_m, sigma_m = elevation_m.copy(), sigma_m.copy()
     rows, cols = np.nonzero(under)
     margin = math.ceil(0.5 * drive.footprint_m / frame.cell_m)
@@ -247,7 +259,7 @@ def with_stand(
         slice(max(0, int(rows.min()) - margin), int(rows.max()) + margin + 1),
         slice(max(0, int(cols.min()) - margin), int(cols.max()) + margin + 1),
     )
-    about = elevation_m[window]
+    about = np.where(unseen[window], np.nan, elevation_m[window])
     known = not np.isnan(about).all()
     whole = markov.complete(about) if known else np.full(about.shape, stand.z_m)
     elevation_m[window] = np.where(unseen[window], whole, about)
@@ -298,9 +310,7 @@ def _way(frame: GridFrame, cost: Floats, stand_m: Point, goal_m: Point) -> Float
     start = frame.cell_of(*stand_m)
     if not frame.holds(*start):
         return None
-    stands = within(frame, stand_m, STAND_M)
-    cost = cost.copy()
-    cost[stands] = np.minimum(cost[stands], STAND_COST)
+    cost = _open_stand(frame, cost, stand_m)
     distance_m, parent = travel_field(cost, np.array([start]), frame.cell_m)
     near = np.where(np.isfinite(distance_m), distance_to(frame, goal_m), np.inf)
     end = np.unravel_index(int(np.argmin(near)), frame.shape)
@@ -310,10 +320,43 @@ def _way(frame: GridFrame, cost: Floats, stand_m: Point, goal_m: Point) -> Float
     return np.array([frame.centre_of(int(row), int(col)) for row, col in cells])
 
 
+def _open_stand(frame: GridFrame, cost: Floats, stand_m: Point) -> Floats:
+    """Return costs (H, W) by which a robot may leave where it stands."""
+    stands = within(frame, stand_m, STAND_M)
+    return np.where(stands, np.minimum(cost, STAND_COST), cost)
+
+
+def _rest_of(path_m: Floats, stand_m: Point) -> Floats:
+    """Return what is left of a way (N, 2) for who stands somewhere on it, or beside it."""
+    if len(path_m) < 2:
+        return path_m
+    begin, end = path_m[:-1], path_m[1:]
+    along = end - begin
+    squared = np.maximum((along**2).sum(axis=1), 1e-12)
+    share = np.clip(((np.array(stand_m) - begin) * along).sum(axis=1) / squared, 0.0, 1.0)
+    away_m = np.hypot(*(begin + share[:, None] * along - stand_m).T)
+    return np.vstack((stand_m, end[int(np.argmin(away_m)) :]))
+
+
+def _cost_along(frame: GridFrame, cost: Floats, path_m: Floats, stand_m: Point) -> float:
+    """Return what a way (N, 2) costs; inf where it leads over what is forbidden."""
+    cost = _open_stand(frame, cost, stand_m)
+    total = 0.0
+    for a, b in itertools.pairwise(path_m):
+        cells = frame.cells_of(_points(frame, a, b))
+        total += math.dist(a, b) * float(cost[cells[:, 0], cells[:, 1]].mean())
+    return total
+
+
+def _points(frame: GridFrame, a: Floats, b: Floats) -> Floats:
+    """Return points (N, 2) half a cell apart from one to another."""
+    count = 1 + math.ceil(2.0 * math.dist(a, b) / frame.cell_m)
+    return np.asarray(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a), dtype=np.float64)
+
+
 def _on(frame: GridFrame, path_m: Floats) -> Bools:
     """Return the cells (H, W) that a way (N, 2) leads over."""
     on = np.zeros(frame.shape, dtype=np.bool_)
     for a, b in itertools.pairwise(path_m):
-        count = 1 + math.ceil(2.0 * math.dist(a, b) / frame.cell_m)
-        on |= frame.mask_of(a + np.linspace(0.0, 1.0, count)[:, None] * (b - a))
+        on |= frame.mask_of(_points(frame, a, b))
     return on

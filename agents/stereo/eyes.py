@@ -158,16 +158,14 @@ def off_mates(exposure: Exposure, pose: Pose, stands: Sequence[tuple[Pose, float
     Args:
         exposure: one look.
         pose: from where it was taken.
-        stands: where team-mates say that they are, each with the standard deviation, in metres, of
-            how they stand to this robot: so much farther out, twice, points are left out, at most
-            as much as a robot is wide.
+        stands: where team-mates say that they are, each with how far off, in metres, it may have
+            been when the look was taken: so much farther out points are left out.
     """
     at_m = pose.team_from_robot(exposure.points_m)
     kept = np.ones(len(at_m), dtype=np.bool_)
-    for stand, sigma_m in stands:
-        radius_m = MATE_RADIUS_M + min(2.0 * sigma_m, MATE_RADIUS_M)
+    for stand, off_m in stands:
         foot_m = np.array((stand.x_m, stand.y_m, stand.z_m))
-        kept &= _off(at_m, foot_m, radius_m, MATE_TOP_M)
+        kept &= _off(at_m, foot_m, MATE_RADIUS_M + off_m, MATE_TOP_M)
     return replace(exposure, points_m=exposure.points_m[kept], sigma_m=exposure.sigma_m[kept])
 
 
