@@ -189,6 +189,34 @@ def test_what_may_be_rocks_is_asked_about_where_the_best_way_is_too_risky() -> N
     assert asked.any() == (way.risk > CALM_RISK)
 
 
+def test_who_is_on_a_way_keeps_to_it_until_another_is_clearly_better() -> None:
+    """A wall of which the east end is a little nearer than the west end."""
+    fine = GridFrame(0.0, 0.0, 0.1, 120, 120)
+    ground, sigma = np.zeros(fine.shape), np.full(fine.shape, 0.02)
+    stand, goal = Pose(6.2, 10.0, 0.0, 0.0), (6.2, 2.0)
+    ground[60, 30:93] = 1.0
+    place = (fine, DRIVE, ground, sigma, stand, goal)
+    best = least_risky(*place)
+    assert best is not None
+    assert best.path_m[:, 0].max() > 9.3, "round the east"
+    west_m = np.array([[6.2, 10.0], [1.2, 6.85], [1.3, 5.05], [6.15, 1.95]])
+    kept = least_risky(*place, former_m=west_m)
+    assert kept is not None
+    assert kept.path_m == pytest.approx(west_m)
+    beside = Pose(3.7, 8.5, 0.0, 0.0)
+    halfway = least_risky(fine, DRIVE, ground, sigma, beside, goal, former_m=west_m)
+    assert halfway is not None
+    assert halfway.path_m == pytest.approx(np.vstack(([[3.7, 8.5]], west_m[1:])))
+    far_west_m = np.array([[6.2, 10.0], [0.7, 10.0], [0.7, 2.0], [6.2, 2.0]])
+    other = least_risky(*place, former_m=far_west_m)
+    assert other is not None
+    assert other.path_m == pytest.approx(best.path_m), "it costs a third more"
+    ground[50, 0:60] = 1.0  # a second wall, before the west end
+    barred = least_risky(fine, DRIVE, ground, sigma, stand, goal, former_m=west_m)
+    assert barred is not None
+    assert barred.path_m[:, 0].max() > 9.3
+
+
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.02, 0.6))
 def test_the_quick_look_at_what_was_seen_hides_no_way(seed: int, share: float) -> None:
