@@ -54,6 +54,9 @@ class ElevationMapper:
         self.barred: tuple[tuple[float, float, float], ...] = ()
         self.asked = np.zeros(self.settings.frame.shape)
         """In how many looks a cell was expected that keeps a team-mate's way from being safe."""
+        self.taken = np.zeros(self.settings.frame.shape, dtype=np.int64)
+        """In how many of its looks a cell was measured, in whichever submap that is kept: what one
+        submap tells in vain, as another is surer, is not worth looking at again."""
         self.open: Bools = np.zeros(self.settings.frame.shape, dtype=np.bool_)
         """Those cells, as of when the last look was chosen."""
 
@@ -114,6 +117,7 @@ class ElevationMapper:
         drawn = np.zeros(self.settings.frame.shape, dtype=bool)
         drawn[cells.rows, cells.cols] = True
         measured = self.settings.frame.mask_of(robot.pose.team_from_robot(exposure.points_m))
+        self.taken += measured
         self.interest.update(expected.chances, measured)
         robot.looked(
             index,
@@ -155,7 +159,7 @@ class ElevationMapper:
             frame=self.settings.frame,
             elevation_m=fused.elevation_m,
             sigma_m=np.sqrt(robot.charted(relative=True).variance_m2),
-            looks=fused.looks.astype(np.int64),
+            looks=np.maximum(fused.looks, self.taken),
             interest=self.interest.share,
             pose=robot.pose,
             pose_sigma_m=robot.filter.sigma_m,
@@ -188,7 +192,7 @@ class ElevationMapper:
 
     def _pressing(self, questions: Bools) -> Floats:
         """Return how much questions (H, W) count still, by how many looks they were asked for."""
-        return np.where(questions, 1.0 / (1.0 + self.asked / TIRED), 0.0)
+        return np.where(questions, 1.0 / (1.0 + self.asked / TIRED) ** 2, 0.0)
 
     def _sigma_as_heard(self, view: View) -> Floats:
         """Return sigma (H, W) as team-mates are told it: more roughly, and so never less.

@@ -29,6 +29,8 @@ from sim.errors import WorldError
 from sim.ground import Terrain, footing_on
 
 CELL_M = 0.05
+LEAST_GAIN_M2 = 2.5
+"""A look that is expected to show less is not worth its way, however fine the cells are."""
 SAMPLE_S = 20
 """Robots weigh their maps for the record so often: here nobody reads that."""
 RECON = "recon"
@@ -54,6 +56,7 @@ def trials(options: Options) -> Sequence[Trial]:
     cell_m = options.number("cell_m", CELL_M)
     sets = [f"sensor.kind={sensor}", f"air={options.one('air', 'memory')}", f"map.cell_m={cell_m}"]
     sets += [f"sample_s={SAMPLE_S}", "ends=descent"]
+    sets += [f"planner.min_gain_cells={LEAST_GAIN_M2 / max(cell_m, 0.01) ** 2:g}"]
     file = options.one("world.terrain.file", "")
     sets += [f"world.terrain.file={file}"] if file else []
     sets += options.sets.get("scenario", ())
