@@ -290,6 +290,8 @@ class Robot(Member):
         assert body is not None
         if self.watch is not None:
             await self.watch.begin(turn_rad, self.filter)
+        if self.hardware.camera is None:  # others tell it where it is, and later
+            self.stops.leave(self.filter, self.stands_since_s, self.now_s)
         self.stands_since_s = math.inf
         odometry = await body.drive(turn_rad, forward_m)
         self.stands_since_s = self.now_s

@@ -17,6 +17,7 @@ from agents.messages import (
 )
 from agents.ports import Hardware
 from agents.pose.localising import GATE
+from agents.pose.stops import Stops
 from agents.sharing import Heard, Mark
 from agents.sharing.reports import unpack_report
 from agents.store import Chunk, Origin
@@ -38,6 +39,7 @@ class Member(Teller):
         self.inbox = Inbox()
         self.stands_since_s = 0.0
         """Since when it has not moved; inf while it moves."""
+        self.stops = Stops()
         self._lives: dict[int, int] = {}
         """Incarnation last heard, by robot."""
 
@@ -93,7 +95,11 @@ class Member(Teller):
     def _take_fix(self, fix: Fix, sender: str) -> None:
         covariance = np.diag(fix.variance)
         if self.located:
-            self.filter.fix(fix.pose, covariance, gate=GATE)
+            stop = self.stops.at(fix.t_s)
+            if fix.t_s >= self.stands_since_s:
+                self.filter.fix(fix.pose, covariance, gate=GATE)
+            elif stop is not None:
+                self.filter.fix_former(stop, fix.pose, covariance, gate=GATE)
             self.correct_anchors()
         elif max(fix.variance[:2]) < UNLOCATED_M2 and fix.t_s >= self.stands_since_s:
             # Where it was seen before it moved on says nothing of where it is.

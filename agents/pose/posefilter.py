@@ -43,7 +43,7 @@ class Remembered:
     """Names a pose beside the robot's present one."""
 
     kind: str
-    """"submap": where the robot stood; "mate": where a team-mate stands."""
+    """"submap", "stop", "leg": where the robot stood; "mate": where a team-mate stands."""
     index: int
 
 
@@ -214,6 +214,15 @@ class PoseFilter:
         innovation[YAW] = wrap_angle(float(innovation[YAW]))
         noise = checked_covariance(covariance, SIZE)
         return self._take(innovation, np.eye(SIZE), noise, gate)
+
+    def fix_former(
+        self, name: Remembered, measured: Pose, covariance: Floats, *, gate: float = math.inf
+    ) -> float:
+        """Take in where the robot was when it remembered a pose; return as `fix` does."""
+        innovation = pose_numbers(measured) - pose_numbers(self.pose_of(name))
+        innovation[YAW] = wrap_angle(float(innovation[YAW]))
+        noise = checked_covariance(covariance, SIZE)
+        return self._take(innovation, np.zeros((SIZE, SIZE)), noise, gate, (name, np.eye(SIZE)))
 
     def fix_against(
         self, name: Remembered, offset: Floats, covariance: Floats, *, gate: float = math.inf
