@@ -29,7 +29,7 @@ from agents.stereo.matching import (
 from agents.stereo.noise import noise_by_level
 from agents.stereo.points import Cloud, cloud, covariances, fit_range_law
 from agents.stereo.span import largest_disparity
-from agents.stereo.tagmodel import TAG_M, TagError, panels, robot_of
+from agents.stereo.tagmodel import TAG_M, TagError, is_lid, panels, robot_of
 from agents.stereo.tags import find_robots
 
 PAIR = pinhole(320, 240, 60.0, 0.3)
@@ -280,17 +280,18 @@ def test_ill_conditions_are_told() -> None:
 
 def test_panels_face_outwards_and_are_the_robots_own() -> None:
     tags = [panel.tag for robot in range(3) for panel in panels(robot)]
-    assert len(set(tags)) == 12
+    assert len(set(tags)) == 15
     for robot in range(3):
         for panel in panels(robot):
             assert robot_of(panel.tag) == robot
+            assert is_lid(panel.tag) == (panel.centre_m[0] == panel.centre_m[1])
             out = np.cross(panel.down, panel.right)
             assert out @ panel.centre_m > 0.2
             corners = panel.corners_m()
             assert np.linalg.norm(corners[1] - corners[0]) == pytest.approx(TAG_M)
             assert np.cross(corners[3] - corners[0], corners[1] - corners[0]) @ out > 0
-    with pytest.raises(TagError, match="robot 146"):
-        panels(146)
+    with pytest.raises(TagError, match="robot 117"):
+        panels(117)
 
 
 @given(

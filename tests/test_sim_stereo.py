@@ -1,5 +1,6 @@
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -127,6 +128,20 @@ def test_a_team_mate_is_found_where_it_is(forward_m: float, left_m: float, turn_
         seen.exposure.points_m[:, 0] - forward_m, seen.exposure.points_m[:, 1] - left_m
     )
     assert aside.min() > 0.4, "the team-mate itself is no ground"
+
+
+@pytest.mark.parametrize(("forward_m", "turn_rad"), [(2.2, 0.3), (3.0, -2.0)])
+def test_who_hangs_below_is_found_by_its_lid(forward_m: float, turn_rad: float) -> None:
+    """All but its lid is hidden, as by the slope that it hangs in."""
+    sunk = replace(mate_at(forward_m, 0.2, turn_rad), z_m=-0.45)
+    look = Look(0.0, 0.0, math.radians(-30))
+    lidded = make_stage(flat(), {"alfa": 1.6, "bravo": 0.0}, salt=3)
+    got = shot({"bravo": sunk}, look=look, stereo=FULL, on=lidded)
+    seen = see(got.left, got.right, look, sensor=SENSOR, stereo=FULL, mates={1: "bravo"})
+    (sighting,) = seen.exposure.sightings
+    error = np.array(sighting.offset_m) - [forward_m, 0.2, -0.45]
+    assert np.linalg.norm(error) < 0.02 * forward_m
+    assert abs(wrap_angle(sighting.bearing_rad - turn_rad)) < math.radians(3)
 
 
 def test_corners_of_a_painted_tag_are_where_geometry_says() -> None:

@@ -97,7 +97,7 @@ def see(
     turn = level_from_camera(look.pan_rad, look.tilt_rad)
     eye_m = left_eye_m(sensor, stereo, look.pan_rad)
     points_m = found.points_m @ turn.T + eye_m
-    tags = find_robots(left, right, calibration, sorted(mates))
+    tags = find_robots(left, right, calibration, sorted(mates), up=turn[2])
     sightings = tuple(_sighting(s, mates[s.robot], turn, eye_m, sensor) for s in tags.found)
     feet_m = [np.array(s.offset_m) for s in sightings]
     kept = _ground(

@@ -17,8 +17,9 @@ from agents.geometry import Floats
 FAMILY_TAGS = 587
 """Tags in the family 36h11."""
 PANEL_CELLS, TAG_CELLS = 10, 8
-SIDES = 4
-"""Panels of a robot: ahead, left, behind, right."""
+SIDES, PANELS = 4, 5
+"""Panels of a robot: ahead, left, behind, right, and on its lid, which is all that shows of one
+that hangs in a face below."""
 PANEL_M = 0.56
 """Side of a panel with its white border: the largest square box inside a body of 0.4 m radius."""
 TAG_M = PANEL_M * TAG_CELLS / PANEL_CELLS
@@ -50,13 +51,15 @@ class Panel:
 
 
 def panels(robot: int) -> tuple[Panel, ...]:
-    """Return the four panels of the team's robot with this number (by name order, from 0).
+    """Return the five panels of the team's robot with this number (by name order, from 0).
+
+    Who carries a mast carries no lid.
 
     Raises TagError beyond the family's last tag.
     """
-    if not 0 <= robot < FAMILY_TAGS // SIDES:
-        raise TagError(f"robot {robot}: there are tags for robots 0 to {FAMILY_TAGS // SIDES - 1}")
-    return tuple(_panel(robot, side) for side in range(SIDES))
+    if not 0 <= robot < FAMILY_TAGS // PANELS:
+        raise TagError(f"robot {robot}: there are tags for robots 0 to {FAMILY_TAGS // PANELS - 1}")
+    return (*(_panel(robot, side) for side in range(SIDES)), _lid(robot))
 
 
 def _panel(robot: int, side: int) -> Panel:
@@ -65,13 +68,24 @@ def _panel(robot: int, side: int) -> Panel:
     # Who looks at a panel looks along -out with z up: his right is out turned by +90 deg.
     right = np.array([-out[1], out[0], 0.0])
     return Panel(
-        robot * SIDES + side,
+        robot * PANELS + side,
         out * PANEL_M / 2 + np.array([0.0, 0.0, CENTRE_M]),
         right,
         np.array([0.0, 0.0, -1.0]),
     )
 
 
+def _lid(robot: int) -> Panel:
+    # Its upper edge is ahead.
+    ahead, left = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
+    return Panel(robot * PANELS + SIDES, np.array([0.0, 0.0, 2 * CENTRE_M]), -left, -ahead)
+
+
 def robot_of(tag: int) -> int:
     """Return the number of the robot that carries a tag."""
-    return tag // SIDES
+    return tag // PANELS
+
+
+def is_lid(tag: int) -> bool:
+    """Say whether a tag is on its robot's lid."""
+    return tag % PANELS == SIDES

@@ -24,10 +24,12 @@ from agents.stereo.tagmodel import TAG_M, panels, robot_of
 
 CORNER_SIGMA_PX = 0.15
 """Standard deviation of a corner's place; raised to what is left over where that is more."""
-WORST_PX = 2.0
+WORST_PX = 1.0
 """A pose that leaves more than this (root mean square) is none."""
 TWICE = 1.5
 """Two poses whose leftovers differ by less than this factor can't be told apart."""
+LEAST_LEVEL = math.cos(math.radians(20.0))
+"""A robot that leans by more is not level; nor is it told so well from afar that it is."""
 ROUNDS = 12
 STEEPEST_DEG = 75.0
 """A tag seen from farther to its side is not measured."""
@@ -123,9 +125,18 @@ def _detected(image: Grey, scale: int) -> dict[int, Floats]:
 
 
 def find_robots(
-    left: Grey, right: Grey, calibration: Calibration, robots: Sequence[int]
+    left: Grey,
+    right: Grey,
+    calibration: Calibration,
+    robots: Sequence[int],
+    *,
+    up: Floats | None = None,
 ) -> TagSearch:
-    """Return the robots (numbers out of `robots`) whose tags both images show."""
+    """Return the robots (numbers out of `robots`) whose tags both images show.
+
+    `up` (3,), camera frame, is away from the ground, where that is known: robots keep level, so
+    that of the two poses that a tag may have from afar one mostly is none.
+    """
     here, there = corners(left), corners(right)
     found: list[TagSighting] = []
     refused: list[Refusal] = []
@@ -137,7 +148,7 @@ def find_robots(
         if not both:
             refused.append(Refusal(robot, "its tag is in one image only"))
             continue
-        answer = _pose(robot, _gathered(robot, both, here, there), calibration, len(both))
+        answer = _pose(robot, both, (here, there), calibration, up)
         if isinstance(answer, TagSighting):
             found.append(answer)
         else:
@@ -156,11 +167,28 @@ def _gathered(
     )
 
 
-def _pose(robot: int, seen: _Seen, c: Calibration, tags: int) -> TagSighting | Refusal:
-    """Return the best pose, or why there is none."""
-    tried = sorted(
-        (_refined(seen, c, r, t) for r, t in _starts(seen, c)), key=lambda fit: fit.leftover_px
-    )
+def _pose(
+    robot: int,
+    tags: Sequence[int],
+    corners_px: tuple[dict[int, Floats], dict[int, Floats]],
+    c: Calibration,
+    up: Floats | None,
+) -> TagSighting | Refusal:
+    """Return the best pose, or why there is none.
+
+    A tag that is half hidden may still be read, and spoils all: where they do not agree, that one
+    counts which fits best.
+    """
+    seen = _gathered(robot, tags, *corners_px)
+    tried = _fits(seen, c, up)
+    if not tried or tried[0].leftover_px > WORST_PX:
+        alone = [_gathered(robot, [tag], *corners_px) for tag in tags]
+        fits = [(_fits(one, c, up), one) for one in alone]
+        tried, seen = min(
+            ((fit, one) for fit, one in fits if fit),
+            key=lambda pair: pair[0][0].leftover_px,
+            default=(tried, seen),
+        )
     if not tried or tried[0].leftover_px > WORST_PX:
         return Refusal(robot, "its corners fit no pose")
     best = tried[0]
@@ -174,7 +202,18 @@ def _pose(robot: int, seen: _Seen, c: Calibration, tags: int) -> TagSighting | R
     sigma = max(CORNER_SIGMA_PX, best.leftover_px)
     covariance = np.asarray(sigma**2 * np.linalg.inv(best.normal), dtype=np.float64)
     covariance[3:, 3:] += calibration_covariances(best.position_m[None, :], c)[0]
-    return TagSighting(robot, best.rotation, best.position_m, covariance, best.leftover_px, tags)
+    count = len(seen.corners_m) // 4
+    return TagSighting(robot, best.rotation, best.position_m, covariance, best.leftover_px, count)
+
+
+def _fits(seen: _Seen, c: Calibration, up: Floats | None) -> list["_Fit"]:
+    """Return the poses that corners may have, the best first; level ones only if there are any."""
+    tried = sorted(
+        (_refined(seen, c, r, t) for r, t in _starts(seen, c)), key=lambda fit: fit.leftover_px
+    )
+    if up is None:
+        return tried
+    return [fit for fit in tried if fit.rotation[:, 2] @ up > LEAST_LEVEL] or tried
 
 
 @dataclass(frozen=True)
@@ -190,17 +229,18 @@ def _starts(seen: _Seen, c: Calibration) -> list[tuple[Floats, Floats]]:
     starts: list[tuple[Floats, Floats]] = []
     for k in range(0, seen.corners_m.shape[0], 4):
         quad = seen.corners_m[k : k + 4]
+        middle = quad.mean(axis=0)  # OpenCV's IPPE errs on a level square above its origin
         count, turns, shifts, _ = cv2.solvePnPGeneric(
-            quad.reshape(-1, 1, 3),
+            (quad - middle).reshape(-1, 1, 3),
             seen.left_px[k : k + 4].reshape(-1, 1, 2),
             c.matrix,
             None,
             flags=cv2.SOLVEPNP_IPPE,
         )
         for turn, shift in zip(turns[:count], shifts[:count], strict=True):
-            starts.append(
-                (_rotation(np.asarray(turn)), np.asarray(shift, dtype=np.float64).ravel())
-            )
+            rotation = _rotation(np.asarray(turn))
+            place_m = np.asarray(shift, dtype=np.float64).ravel()
+            starts.append((rotation, place_m - rotation @ middle))
     return starts
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from agents.geometry import Floats, Pose
 from agents.stereo.shape import Shape, box_triangles, shape_of
-from agents.stereo.tagmodel import PANEL_M, panels
+from agents.stereo.tagmodel import CENTRE_M, PANEL_M, SIDES, panels
 from sim.ground import Terrain
 
 Faces = NDArray[np.int32]
@@ -96,10 +96,10 @@ def box(size_m: Sequence[float], centre_m: Sequence[float], albedo: float, pebbl
     return plain(*box_triangles(size_m, centre_m), albedo, pebbled)
 
 
-def _panel_mesh(robot: int) -> Mesh:
-    """Return the four tag panels of a robot, a hair outside its box, in the robot's frame."""
+def _panel_mesh(robot: int, count: int) -> Mesh:
+    """Return the first tag panels of a robot, a hair outside its box, in the robot's frame."""
     made: list[Mesh] = []
-    for panel in panels(robot):
+    for panel in panels(robot)[:count]:
         out = np.cross(panel.down, panel.right)
         corners = panel.corners_m(PANEL_M) + 0.002 * out
         faces = np.array([(0, 3, 2), (0, 2, 1)], dtype=np.int32)
@@ -119,13 +119,14 @@ def _panel_mesh(robot: int) -> Mesh:
 
 
 def robot_mesh(robot: int, mast_m: float) -> Mesh:
-    """Return a robot in its own frame: a box with a tag on each side, and a mast with a head."""
-    height = 2 * 0.3
+    """Return a robot in its own frame: a box with tags, and a mast with a head or a lid."""
+    height = 2 * CENTRE_M
+    masted = mast_m > height
     parts = [
         box((PANEL_M, PANEL_M, height), (0, 0, height / 2), ROBOT_ALBEDO, True),
-        _panel_mesh(robot),
+        _panel_mesh(robot, SIDES if masted else SIDES + 1),
     ]
-    if mast_m > height:
+    if masted:
         parts.append(
             box((MAST_M, MAST_M, mast_m - height), (0, 0, (mast_m + height) / 2), MAST_ALBEDO, True)
         )

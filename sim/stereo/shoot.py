@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from agents.geometry import Bools, Floats, Ints
 from agents.stereo.calibration import Calibration
-from agents.stereo.tagmodel import PANEL_CELLS, PANEL_M
+from agents.stereo.tagmodel import PANEL_CELLS, PANEL_M, is_lid
 from sim.stereo.paint import pattern, sampled
 from sim.stereo.scene import Met, Moment
 from sim.stereo.settings import LensSettings, LightSettings
@@ -18,8 +18,9 @@ from sim.stereo.settings import LensSettings, LightSettings
 Grey = NDArray[np.uint8]
 GRAINS = 4
 """Points per side of a pixel at which a painted panel is looked at."""
-WHITE, BLACK = 0.45, 0.04
-"""Albedos of a painted panel."""
+WHITE, LID_WHITE, BLACK = 0.45, 0.27, 0.04
+"""Albedos of painted panels. The sun falls on a lid as on the ground: a white one would be brighter
+than the image can show, and edges would look shifted towards the dark."""
 SKY_GREY = 0.35
 """Radiance of the sky, per strength."""
 THING_TEXTURE = 0.7
@@ -186,7 +187,8 @@ def tag_cells(tag: int) -> Floats:
     """Return the albedos (PANEL_CELLS, PANEL_CELLS) of a panel with its white border."""
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     black = np.asarray(family.generateImageMarker(tag, PANEL_CELLS - 2, None, 1))
-    return np.pad(np.where(black > 127, WHITE, BLACK), 1, constant_values=WHITE)
+    white = LID_WHITE if is_lid(tag) else WHITE
+    return np.pad(np.where(black > 127, white, BLACK), 1, constant_values=white)
 
 
 def _painted(panel: Floats, tag: int, eye_m: Floats, rays: Floats, step: Floats) -> Floats:
