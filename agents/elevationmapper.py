@@ -13,6 +13,7 @@ from agents.ground.stands import Stands
 from agents.mapper import Expected, NextLook
 from agents.maps.elevation import UNIFORM
 from agents.maps.elevationlook import bin_look
+from agents.planning.following import Point, way_to_see
 from agents.planning.information import Interest
 from agents.planning.strategies import View, strategy
 from agents.planning.waydown import TIRED, Descent, open_questions
@@ -33,6 +34,8 @@ HOPES = 6
 """So many ways down are asked about before it is taken that no look helps; those that no look could
 answer count the less the more there were."""
 LEAST_INTEREST = 0.05
+SAME_STAND_M = 0.2
+"""A team-mate that has moved by less asks in vain to be seen from where it was looked at before."""
 BARRED = 50
 """So many places where it came to a halt a robot remembers."""
 
@@ -57,6 +60,8 @@ class ElevationMapper:
         self.taken = np.zeros(self.settings.frame.shape, dtype=np.int64)
         """In how many of its looks a cell was measured, in whichever submap that is kept: what one
         submap tells in vain, as another is surer, is not worth looking at again."""
+        self.sought: list[tuple[Point, Point]] = []
+        """Where the team-mate stood that was looked at last, and from where."""
         self.open: Bools = np.zeros(self.settings.frame.shape, dtype=np.bool_)
         """Those cells, as of when the last look was chosen."""
 
@@ -228,6 +233,16 @@ class ElevationMapper:
             reach_m,
         )
         return NextLook(plan.path_m, heading_rad, plan.tilt_rad, claim)
+
+    async def way_to_see(self, mate: Pose) -> Floats | None:
+        """Return the way to where a team-mate shows; not from where it was looked for in vain."""
+        stands = (mate.x_m, mate.y_m)
+        self.sought = [one for one in self.sought if math.dist(one[0], stands) < SAME_STAND_M]
+        vain = [place for _, place in self.sought]
+        way_m = await asyncio.to_thread(way_to_see, self.view(), mate, vain)
+        if way_m is not None:
+            self.sought.append((stands, (float(way_m[-1, 0]), float(way_m[-1, 1]))))
+        return way_m
 
     def halted(self) -> float | None:
         """Bar the ground before the wheels, which the map took for better; look as planned."""

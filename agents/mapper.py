@@ -6,7 +6,7 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-from agents.geometry import Floats, Singles
+from agents.geometry import Floats, Pose, Singles
 from agents.ports import Exposure
 
 
@@ -59,6 +59,10 @@ class Mapper(Protocol):
 
     async def choose(self) -> NextLook | None:
         """Return the next look, or None when no look is worth taking."""
+        ...
+
+    async def way_to_see(self, mate: Pose) -> Floats | None:
+        """Return the way (N, 2) to where a team-mate can be seen from; None: from nowhere."""
         ...
 
     def relocated(self) -> None:

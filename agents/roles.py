@@ -2,7 +2,7 @@
 
 import asyncio
 import math
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from typing import Any
 
 import numpy as np
@@ -41,13 +41,16 @@ PATIENCE_S = 5.0
 """How often a robot that waits looks again."""
 ASK_AGAIN_S = 120.0
 """A robot for which nothing is left to gain asks again so often, if its map has changed."""
-UNSURE_M = 0.05
-"""A Cliff-bot that knows its place no better than this is looked at, to tell it."""
+UNSURE_M = 0.035
+"""A Cliff-bot that knows its place no better than this stands still until somebody has seen it, and
+is looked at, to tell it:"""
+SEEN_S, MORE_UNSURE = 240.0, 1.5
+"""so long; then it goes on, until it is less sure by this factor."""
 SEARCH_S = 60.0
 """A lost robot that saw nothing known looks round again after so long."""
 SEARCH_ROUNDS = 20
 """It looks round so often; then it waits to be seen."""
-BETTER_S = 600.0
+BETTER_S = 1800.0
 """For so long it waits for a better way than one that will do, the less so the longer."""
 QUIET_S = 120.0
 """A map that has not changed for so long will not change any more, once nobody explores."""
@@ -159,15 +162,19 @@ async def take_bearing(robot: Robot) -> None:
 
 
 async def look_after(robot: Robot) -> None:
-    """Look at the Cliff-bot where it goes down and is not sure of its place any more."""
+    """Go and look at the Cliff-bot where it goes down and is not sure of its place any more."""
     cliffbot = _mate_with_role(robot, "cliffbot")
     if cliffbot is None or robot.looks >= robot.settings.planner.max_looks:
         return
     status = robot.mates[cliffbot].status
-    distance_m, pan_rad, tilt_rad = robot.bearing_to(status.pose)
-    unsure = math.sqrt(max(status.variance[:2])) > UNSURE_M
+    distance_m, _, _ = robot.bearing_to(status.pose)
+    unsure = _sigma_m(status.variance) > UNSURE_M
     going_down = ACTIVITIES[status.activity] == "descending"
-    if going_down and unsure and distance_m < robot.settings.sensor.range_m:
+    if not (going_down and unsure and distance_m < robot.settings.sensor.range_m):
+        return
+    way_m = await robot.mapper.way_to_see(status.pose)
+    if way_m is not None and await robot.travel(way_m):
+        _, pan_rad, tilt_rad = robot.bearing_to(robot.mates[cliffbot].status.pose)
         await robot.look(pan_rad, tilt_rad)
 
 
@@ -184,9 +191,8 @@ async def watch(robot: Robot) -> None:
         doing = ACTIVITIES[mate.activity]
         if doing == "done":
             break
-        distance_m, pan_rad, tilt_rad = robot.bearing_to(mate.pose)
-        if doing == "descending" and distance_m < robot.settings.sensor.range_m:
-            await robot.look(pan_rad, tilt_rad)
+        if doing == "descending":
+            await look_after(robot)
         elif doing == "waiting" and robot.map_changed_s > asked_s:
             asked_s = robot.now_s
             while robot.looks < most and (plan := await next_look(robot)) is not None:
@@ -249,7 +255,7 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
 
     Where the newest map bars the way, it hangs on its tethers until the map shows another.
     """
-    failures, held = 0, 0.0
+    failures, held, unsure_m = 0, 0.0, UNSURE_M
     while math.dist((robot.pose.x_m, robot.pose.y_m), path_m[-1]) > robot.settings.map.cell_m:
         x_m, y_m = _step_along(path_m, robot.pose, 0.5 * robot.settings.frame.cell_m)
         slack_m = min(SLACK_M * (1 + held), MOST_SLACK_M)
@@ -273,7 +279,29 @@ async def go_down(robot: Robot, goal: tuple[float, float], path_m: Floats) -> Fl
         else:
             path_m = onward.path_m
         robot.set_activity("descending")
+        unsure_m = await be_seen(robot, unsure_m)
     return path_m
+
+
+async def be_seen(robot: Robot, unsure_m: float) -> float:
+    """Stand still where its place is less sure than so, until somebody has told it.
+
+    Return how unsure it may be until the next time: nobody sees it everywhere.
+    """
+    if _sigma_m(np.diag(robot.filter.covariance)) <= unsure_m:
+        return unsure_m
+    robot.tell_status()
+    until_s = robot.now_s + SEEN_S
+    while (sigma_m := _sigma_m(np.diag(robot.filter.covariance))) > UNSURE_M:
+        if robot.now_s > until_s or not _watched(robot):
+            break
+        await asyncio.sleep(1.0)
+    return UNSURE_M if sigma_m <= UNSURE_M else MORE_UNSURE * sigma_m
+
+
+def _sigma_m(variance: Sequence[float] | Floats) -> float:
+    """Return how unsure a place is, by its variances along the axes (x, y, ...)."""
+    return math.sqrt(max(float(variance[0]), float(variance[1])))
 
 
 async def hold(robot: Robot) -> None:
@@ -368,6 +396,15 @@ async def _hold_tethers(robot: Robot, x_m: float, y_m: float, slack_m: float) ->
         if commands and robot.radio is not None and robot.may_speak:
             robot.radio.send_urgent(Kind.TETHER, pack_tethers(commands), "tethers")
         await asyncio.sleep(COMMAND_S)
+
+
+def _watched(robot: Robot) -> bool:
+    """Say whether anybody with eyes is heard."""
+    return any(
+        robot.settings.roles[index] in ("recon", "explorer")
+        and robot.now_s - mate.heard_s < SILENT_S
+        for index, mate in robot.mates.items()
+    )
 
 
 def _mate_with_role(robot: Robot, role: str) -> int | None:

@@ -30,6 +30,8 @@ class Cliffbot:
         self.looked_at: list[float] = []
         self.events: list[str] = []
         self.log = self
+        self.mapper = self
+        self.filter = SimpleNamespace(covariance=np.diag([1e-4, 1e-4, 1e-4, 1e-4]))
         self.settings = SimpleNamespace(
             roles=("recon", "cliffbot"),
             map=SimpleNamespace(cell_m=0.1),
@@ -52,6 +54,15 @@ class Cliffbot:
 
     def bearing_to(self, pose: Pose) -> tuple[float, float, float]:
         return pose.y_m, 0.3, -0.5
+
+    def tell_status(self) -> None:
+        self.events.append("status")
+
+    async def way_to_see(self, mate: Pose) -> Floats | None:
+        return None if mate.z_m < -1.0 else np.zeros((1, 2))
+
+    async def travel(self, path_m: Floats) -> bool:
+        return True
 
     async def look(self, pan_rad: float, tilt_rad: float) -> None:
         self.looked_at.append(pan_rad)
@@ -150,3 +161,42 @@ def test_who_goes_down_and_is_unsure_of_its_place_is_looked_at(
         return robot.looked_at
 
     assert run(go()) == ([0.3] if looked else [])
+
+
+def test_nobody_looks_where_nothing_can_be_seen() -> None:
+    hidden = Pose(0.0, 5.0, -2.0, 0.0)
+    status = Status(hidden, (0.04,) * 4, ACTIVITIES.index("descending"), None, 0.0, 0, True)
+
+    async def go() -> list[float]:
+        robot: Any = Cliffbot(mates={1: Mate(status, 0.0)})
+        await roles.look_after(robot)
+        return robot.looked_at
+
+    assert run(go()) == []
+
+
+@pytest.mark.parametrize(
+    ("sigma_m", "seen_after_s", "watched", "waited_s", "may_m"),
+    [
+        (0.02, 1e9, True, 0.0, roles.UNSURE_M),
+        (0.1, 30.0, True, 30.0, roles.UNSURE_M),
+        (0.1, 1e9, True, roles.SEEN_S, 0.1 * roles.MORE_UNSURE),
+        (0.1, 1e9, False, 0.0, 0.1 * roles.MORE_UNSURE),
+    ],
+)
+def test_who_is_unsure_of_its_place_stands_until_it_was_seen(
+    sigma_m: float, seen_after_s: float, watched: bool, waited_s: float, may_m: float
+) -> None:
+    status = Status(Pose(0.0, 0.0, 0.0, 0.0), (1e-4,) * 4, 1, None, 0.0, 0, True)
+
+    async def go() -> tuple[float, float]:
+        robot: Any = Cliffbot(mates={0: Mate(status, 1e6)} if watched else {})
+        robot.filter.covariance *= (sigma_m / 0.01) ** 2
+        sure = 1e-4 * np.eye(4)
+        loop = asyncio.get_running_loop()
+        loop.call_later(seen_after_s, lambda: setattr(robot.filter, "covariance", sure))
+        return await roles.be_seen(robot, roles.UNSURE_M), robot.now_s
+
+    may, waited = run(go())
+    assert may == pytest.approx(may_m)
+    assert waited == pytest.approx(waited_s, abs=1.5)

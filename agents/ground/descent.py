@@ -21,7 +21,7 @@ ROCK = 0.2
 """What is a rock by these odds bars the way."""
 CLEARANCE_WEIGHT = 3.0
 """By how much a metre beside what is barred costs more than open ground."""
-RISK_WEIGHT = 50.0
+RISK_WEIGHT = 100.0
 """Metres that it goes round so as not to meet a rock."""
 
 

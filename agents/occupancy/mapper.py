@@ -11,7 +11,7 @@ import numpy as np
 
 from agents.briefing import AgentSettings
 from agents.fusion import offset_between, rotate_covariance
-from agents.geometry import Pose, wrap_angle
+from agents.geometry import Floats, Pose, wrap_angle
 from agents.layers import Mask
 from agents.mapper import Expected, NextLook
 from agents.occupancy.matching import Match
@@ -167,6 +167,11 @@ class OccupancyMapper:
     async def choose(self) -> NextLook | None:
         """Choose the next look, by the method that is set."""
         return await asyncio.to_thread(self.sense.choose, self.view(), self.robot.rng)
+
+    async def way_to_see(self, mate: Pose) -> Floats | None:
+        """Stay: nobody goes down here, nor asks to be seen."""
+        del mate
+        return np.array(((self.robot.pose.x_m, self.robot.pose.y_m),))
 
     def halted(self) -> float | None:
         """Look at what stands ahead."""
