@@ -175,7 +175,7 @@ class ElevationMapper:
             claims=robot.interest.regions(wished=False) if robot.located else [],
             wishes=tuple(robot.interest.regions(wished=True)) if robot.located else (),
             barred=self.barred,
-            trail_m=np.array(robot.trail),
+            trail_m=np.array([*robot.trail, (robot.pose.x_m, robot.pose.y_m)]),
         )
 
     async def _questions(self, view: View) -> Bools | None:

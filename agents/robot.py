@@ -30,8 +30,9 @@ from agents.pose.localising import is_located, reference, take_in
 from agents.pose.waywatch import WayWatch
 from agents.voxel.sense import VoxelSense
 
-TRAIL_POINTS = 64
-"""So many corners of the way that it came a robot remembers."""
+TRAIL_POINTS, TRAIL_STEP_M = 1000, 0.1
+"""So many points of the way that it came a robot remembers, so far apart: where the map shows no
+way out it can go back, however often it has turned on the spot since."""
 
 
 MAPPERS: dict[str, Callable[["Robot"], Mapper]] = {
@@ -304,5 +305,7 @@ class Robot(Member):
         return odometry.halted
 
     def _trace(self) -> None:
-        self.trail.append((self.pose.x_m, self.pose.y_m))
-        del self.trail[:-TRAIL_POINTS]
+        here = (self.pose.x_m, self.pose.y_m)
+        if math.dist(self.trail[-1], here) > TRAIL_STEP_M:
+            self.trail.append(here)
+            del self.trail[:-TRAIL_POINTS]

@@ -35,7 +35,7 @@ SHARP, SHARPEST = 0.25, 0.15
 """unless it is a rock that was measured to the first share of a wheel, or anything measured to the
 second: it will not look otherwise."""
 LEAST_SIGMA_M = 1e-3
-TIRED = 6.0
+TIRED = 3.0
 """After so many looks that were to show a place and did not, it costs twice as much."""
 
 Point = tuple[float, float]
