@@ -62,6 +62,8 @@ class ElevationMapper:
         submap tells in vain, as another is surer, is not worth looking at again."""
         self.sought: list[tuple[Point, Point]] = []
         """Where the team-mate stood that was looked at last, and from where."""
+        self.hidden: tuple[Point, float] | None = None
+        """Where it stood that could be seen from nowhere, and the map's age by which that was."""
         self.open: Bools = np.zeros(self.settings.frame.shape, dtype=np.bool_)
         """Those cells, as of when the last look was chosen."""
 
@@ -238,9 +240,14 @@ class ElevationMapper:
         """Return the way to where a team-mate shows; not from where it was looked for in vain."""
         stands = (mate.x_m, mate.y_m)
         self.sought = [one for one in self.sought if math.dist(one[0], stands) < SAME_STAND_M]
+        asked = (stands, self.robot.map_changed_s)
+        if asked == self.hidden:
+            return None
         vain = [place for _, place in self.sought]
         way_m = await asyncio.to_thread(way_to_see, self.view(), mate, vain)
-        if way_m is not None:
+        if way_m is None:
+            self.hidden = asked
+        else:
             self.sought.append((stands, (float(way_m[-1, 0]), float(way_m[-1, 1]))))
         return way_m
 
