@@ -1,5 +1,6 @@
 """One robot's mind: it believes no nonsense, and comes back from death without counting twice."""
 
+import asyncio
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from robot_helpers import START, hear, log_of, measure, robot_on, save, say
+from sim_helpers import run
 from team_helpers import FRAME, GRID, SURE, chunks_of, layer, look
 
 from agents.briefing import ACTIVITIES
@@ -19,6 +21,7 @@ from agents.messages import (
     pack_fix,
     pack_status,
 )
+from agents.ports import Hardware, Odometry
 from agents.pose.posefilter import PoseFilter
 from agents.robot import Robot
 from agents.sharing.reports import Holdings, Report, pack_report
@@ -153,6 +156,54 @@ def test_a_fix_is_for_whom_it_names_and_only_if_it_can_be(robot: Robot) -> None:
     assert robot.pose == START, "nobody is thrown so far"
     hear(robot, Kind.FIX, pack_fix(Fix(0, 1.0, near, variance)))
     assert robot.pose.x_m == pytest.approx(near.x_m, abs=0.01)
+
+
+class Wheels:
+    """A body that does what it is told, a metre in ten seconds."""
+
+    async def drive(self, turn_rad: float, forward_m: float) -> Odometry:
+        await asyncio.sleep(10.0 * abs(forward_m))
+        return Odometry(forward_m, 0.0, 0.0, turn_rad, np.diag([0.02, 0.01, 0.01, 0.01]) ** 2)
+
+
+def on_wheels(folder: Path) -> Robot:
+    robot = robot_on(folder)
+    robot.hardware = Hardware(body=Wheels())
+    robot.filter = PoseFilter(START, np.diag([0.1, 0.1, 0.1, 0.05]) ** 2)
+    return robot
+
+
+def test_a_fix_that_comes_late_counts_for_where_the_robot_stood_then(tmp_path: Path) -> None:
+    stood = pack_fix(Fix(0, 5.0, START, (1e-4,) * 4))
+
+    async def go(fix: bytes, after_s: float) -> Pose:
+        robot = on_wheels(tmp_path / str(after_s))
+        await asyncio.sleep(10.0)
+        driving = asyncio.create_task(robot.drive(0.0, 0.25))
+        await asyncio.sleep(after_s)
+        hear(robot, Kind.FIX, fix, t_s=robot.now_s)
+        await driving
+        return robot.pose
+
+    want = START.moved(0.25, 0.0, 0.0, 0.0)
+    for after_s in (1.0, 5.0):  # while it drives, and afterwards
+        assert run(go(stood, after_s)).distance_m(want) < 0.01
+    on_the_way = pack_fix(Fix(0, 11.0, START.moved(0.1, 0.0, 0.0, 0.0), (1e-4,) * 4))
+    assert run(go(on_the_way, 6.0)).distance_m(want) < 1e-9
+
+
+def test_it_remembers_the_way_it_came_however_often_it_turns_on_the_spot(tmp_path: Path) -> None:
+    async def go() -> list[tuple[float, float]]:
+        robot = on_wheels(tmp_path)
+        for _ in range(10):
+            await robot.drive(0.0, 0.5)
+        for _ in range(300):
+            await robot.drive(0.5, 0.0)
+        return robot.trail
+
+    trail = run(go())
+    assert trail[0] == (START.x_m, START.y_m)
+    assert len(trail) == 11
 
 
 # --- life after death -----------------------------------------------------------------------
