@@ -29,6 +29,8 @@ RIM_STEP_M, RIM_MOST = 0.3, 80
 be driven, so far apart, and so many: what lies below a lip is seen from nowhere else."""
 SHARP = 0.25
 """Wished ground is known well enough when its sigma is this share of a wheel."""
+TRAIL_WIDTH = 0.6
+"""Share of a robot's width in which the way that it came may be gone back."""
 NEAR_COST = 4.0
 """Cost of a metre on ground that a robot would rather not drive on, but may."""
 
@@ -272,12 +274,19 @@ class Scene:
         return cost
 
     def _trail(self) -> Bools:
-        """(H, W) the cells of the way that the robot has come."""
+        """(H, W) the cells of the way that the robot has come, nearly as wide as it is.
+
+        Its circle has covered them, seen or not: about where it was put down they mostly are not,
+        and a way that ended there would be an island.
+        """
         trail = np.zeros(self.view.frame.shape, dtype=np.uint8)
         way = self.view.trail_m
         if way is not None and len(way) > 1:
             cells = self.view.frame.cells_of(way)[:, ::-1].astype(np.int32)
-            cv2.polylines(trail, [cells.reshape(-1, 1, 2)], False, 1, 2)
+            width = max(
+                2, round(TRAIL_WIDTH * self.view.drive.footprint_m / self.view.frame.cell_m)
+            )
+            cv2.polylines(trail, [cells.reshape(-1, 1, 2)], False, 1, width)
         return trail > 0
 
     @cached_property
