@@ -258,6 +258,11 @@ def test_ground_on_which_the_wheels_came_to_a_halt_is_gone_round_but_the_way_bac
     trail = np.array([(6.0, 7.0), (6.0, 8.0)])
     back = Scene(replace(view, barred=((6.0, 7.7, 0.4),), trail_m=trail))
     assert np.isfinite(back.cost[72:80, 60]).all()
+    assert np.isinf(back.cost[75:79, 63]).all()
+    unseen = np.where(np.hypot(*(np.mgrid[:120, :120] - 80)) < 8, np.nan, 0.0)
+    came_m = np.array([(8.0, 7.0), (8.0, 8.0)])
+    came = Scene(replace(view_of(unseen, pose=Pose(8.0, 6.5, 0.0, 0.0)), trail_m=came_m))
+    assert np.isfinite(came.cost[72:80, 78:83]).all(), "its circle has covered that"
 
 
 def test_two_robots_that_stand_beside_each_other_can_part():

@@ -262,9 +262,10 @@ class Scene:
             beside = self._within(view.pose.x_m, view.pose.y_m, drive.footprint_m)
             inward = layers.rim_m >= min(inset_m, layers.rim_m[self.cell])
             cost[beside & inward & layers.passable & np.isinf(cost)] = NEAR_COST
+        cost[self._trail(TRAIL_WIDTH * drive.footprint_m) & np.isinf(cost)] = NEAR_COST
         for x_m, y_m, radius_m in view.barred:
             cost[self._cells(x_m, y_m, radius_m)] = np.inf
-        cost[self._trail() & np.isinf(cost)] = NEAR_COST
+        cost[self._trail(0.0) & np.isinf(cost)] = NEAR_COST
         for mate in view.others:
             # Two that stand beside each other may part: each may go where it comes no nearer.
             apart_m = math.hypot(mate.x_m - view.pose.x_m, mate.y_m - view.pose.y_m)
@@ -273,19 +274,17 @@ class Scene:
                 cost[self._cells(mate.x_m, mate.y_m, kept_m)] = np.inf
         return cost
 
-    def _trail(self) -> Bools:
-        """(H, W) the cells of the way that the robot has come, nearly as wide as it is.
+    def _trail(self, width_m: float) -> Bools:
+        """(H, W) the cells of the way that the robot has come, at least two cells wide.
 
-        Its circle has covered them, seen or not: about where it was put down they mostly are not,
-        and a way that ended there would be an island.
+        Its circle has covered more than the line, seen or not: about where it was put down the
+        ground mostly is not, and a way that ended there would be an island.
         """
-        trail = np.zeros(self.view.frame.shape, dtype=np.uint8)
-        way = self.view.trail_m
+        frame, way = self.view.frame, self.view.trail_m
+        trail = np.zeros(frame.shape, dtype=np.uint8)
         if way is not None and len(way) > 1:
-            cells = self.view.frame.cells_of(way)[:, ::-1].astype(np.int32)
-            width = max(
-                2, round(TRAIL_WIDTH * self.view.drive.footprint_m / self.view.frame.cell_m)
-            )
+            cells = frame.cells_of(way)[:, ::-1].astype(np.int32)
+            width = max(2, round(width_m / frame.cell_m))
             cv2.polylines(trail, [cells.reshape(-1, 1, 2)], False, 1, width)
         return trail > 0
 
