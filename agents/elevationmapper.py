@@ -13,10 +13,10 @@ from agents.ground.stands import Stands
 from agents.mapper import Expected, NextLook
 from agents.maps.elevation import UNIFORM
 from agents.maps.elevationlook import bin_look
-from agents.planning.following import Point, way_to_see
+from agents.planning.following import way_to_see
 from agents.planning.information import Interest
 from agents.planning.strategies import View, strategy
-from agents.planning.waydown import TIRED, Descent, open_questions
+from agents.planning.waydown import TIRED, Descent, Point, open_questions
 from agents.ports import Exposure
 from agents.pose.localising import is_located
 from agents.stereo.eyes import off_mates

@@ -13,6 +13,7 @@ import numpy as np
 from agents.geometry import Bools, Floats, GridFrame, Pose
 from agents.planning.looks import eye_at
 from agents.planning.scene import BODY_M, Scene, View
+from agents.planning.waydown import Point, within
 
 CLEAR_M = 0.1
 """A line of sight passes the ground at least so far above it,"""
@@ -24,8 +25,6 @@ a metre farther off is as bad as `WORSE` metres to drive."""
 WORSE = 2.0
 SAME_PLACE_M = 0.7
 """From less far away than this it looks the same."""
-
-Point = tuple[float, float]
 
 
 def way_to_see(view: View, mate: Pose, vain: Sequence[Point] = ()) -> Floats | None:
@@ -40,7 +39,7 @@ def way_to_see(view: View, mate: Pose, vain: Sequence[Point] = ()) -> Floats | N
     """
     if not view.frame.holds(*view.frame.cell_of(mate.x_m, mate.y_m)):
         return None
-    about = _near(view.frame, mate, view.drive.footprint_m)
+    about = within(view.frame, (mate.x_m, mate.y_m), view.drive.footprint_m)
     scene = Scene(replace(view, questions=about.astype(np.float64)))
     cells = scene.candidates
     eyes_m = np.array([eye_at(scene, (row, col)) for row, col in cells.tolist()])
@@ -70,9 +69,3 @@ def in_sight(ground_m: Floats, frame: GridFrame, eyes_m: Floats, target_m: Float
     hidden &= np.hypot(*(line_m - target_m)[..., :2].T).T > ABOUT_MATE_M
     hidden &= np.hypot(*(line_m - eyes_m[:, None])[..., :2].T).T > ABOUT_EYE_M
     return np.asarray(~hidden.any(axis=1), dtype=np.bool_)
-
-
-def _near(frame: GridFrame, mate: Pose, radius_m: float) -> Bools:
-    x_m = frame.x_m + (np.arange(frame.cols) + 0.5) * frame.cell_m - mate.x_m
-    y_m = frame.y_m + (np.arange(frame.rows) + 0.5) * frame.cell_m - mate.y_m
-    return np.hypot(x_m[None], y_m[:, None]) <= radius_m
